@@ -73,9 +73,10 @@ def reproduce(
     surfaces, side = sweeps.SURFACE_SEEDS[:seeds], pixels or 2500
     words = "-".join(names) if len(names) < len(sweeps.TARGETS) else "all"
     folder = out / f"{words}-{seeds}-{side}"
-    results = _swept(sweeps.scenes(names, surfaces, pixels), folder, executor, workers)
+    where = {"executor": executor, "workers": workers}
+    results = _swept(sweeps.scenes(names, surfaces, pixels), folder, **where)
     points = [sweeps.StudyPoint.of(point) for result in results for point in result]
-    compared = write(points, names, folder, seeds=surfaces, pixels=side)
+    compared = write(points, names, folder, seeds=list(surfaces), pixels=side)
     for line in compared.summary():
         typer.echo(line)
     typer.echo(f"\n{folder / 'reproduction.md'}")
@@ -121,23 +122,12 @@ def study(
         typer.echo(path)
 
 
-def _swept(
-    scenes: Mapping[str, dict[str, Any]],
-    folder: Path,
-    executor: str,
-    workers: int | None,
-) -> list[SweepResult]:
+def _swept(scenes: Mapping[str, Any], folder: Path, **where: Any) -> list[SweepResult]:
     """Compute the sweeps, by base, each in a folder, and end the command if a point failed."""
     from chemage import sweep
 
     results = [
-        sweep(
-            data,
-            folder / f"sweep-{base}",
-            executor=executor,
-            workers=workers,
-            progress=True,
-        )
+        sweep(data, folder / f"sweep-{base}", progress=True, **where)
         for base, data in scenes.items()
     ]
     failed = [point for result in results for point in result.failed]
@@ -151,22 +141,19 @@ def _swept(
 
 
 def write(
-    points: Sequence[StudyPoint],
-    names: list[str],
-    folder: Path,
-    *,
-    seeds: Sequence[int],
-    pixels: int,
+    points: Sequence[StudyPoint], names: list[str], folder: Path, **about: Any
 ) -> Reproduction:
-    """Write figures and page of completed points into ``folder``, and return the comparisons."""
+    """Write figures and page of completed points into ``folder``, and return the comparisons.
+
+    ``about`` are the seeds of the surfaces and the pixels.
+    """
     from chemage.plugin import figures, versions, write_file
     from chemage_li2018 import reproduction_page
     from chemage_li2018.figures import NAMES, drawn
     from chemage_li2018.sweeps import save_points, studies_of
 
-    about = {"targets": names, "seeds": list(seeds), "pixels": pixels}
     stored = folder / "reproduction.npz"
-    save_points(stored, points, {**about, "versions": versions()})
+    save_points(stored, points, {"targets": names, **about, "versions": versions()})
     compared, text = reproduction_page.of_points(stored)
     write_file(folder / "reproduction.md", text, force=True)
     computed = studies_of(points, names)

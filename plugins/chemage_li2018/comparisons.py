@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
-from chemage.plugin import FIT_WINDOW, statistics
+from chemage.plugin import statistics
 from chemage_li2018.decisions import (
     CALIBRATED,
     CANNOT,
@@ -16,11 +16,15 @@ from chemage_li2018.decisions import (
     PREDICTED,
     READ_AS,
 )
-from chemage_li2018.published import NUMBERS, ROWS, TABLE_1, PublishedNumber, window
+from chemage_li2018.published import (
+    DATA,
+    NUMBERS,
+    ROWS,
+    TABLE_1,
+    PublishedNumber,
+    window,
+)
 from chemage_li2018.sweeps import (
-    LITERAL_VOLUME,
-    PARTIAL,
-    WITH_PRESSURE,
     Mean,
     PointSet,
     Studies,
@@ -60,10 +64,8 @@ class Line:
 
     @property
     def shown(self) -> str:
-        """The difference, in whole per cent if the mean is not known better than to one per cent."""
-        error = self.ours.scatter / math.sqrt(self.ours.count) / abs(self.ours.value)
-        shown = f"{self.difference:+.{0 if error > 0.01 else 1}%}"
-        return shown if float(shown[:-1]) else shown[1:]
+        """The difference in per cent."""
+        return f"{self.difference:+.1%}"
 
     def agrees(self, ours: Mean) -> bool:
         """Whether the published number may be that of one more surface."""
@@ -73,9 +75,8 @@ class Line:
     def noticed(self) -> float:
         """The factor by which a number must be larger than ours to be refused in 80 %; nan if this is not known."""
         rounding = 0.5 * (self.paper.high - self.paper.low)
-        away = self.ours.one_more + rounding
-        away += NormalDist().inv_cdf(POWER) * self.ours.scatter
-        return 1 + away / abs(self.ours.value)
+        away = NormalDist().inv_cdf(POWER) * self.ours.scatter + rounding
+        return 1 + (self.ours.one_more + away) / abs(self.ours.value)
 
     @property
     def refused(self) -> list[str]:
@@ -103,15 +104,10 @@ def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:
         for number in NUMBERS.get(target, ()):
             paper = PublishedNumber.of(number["paper"])
             points = studies[number["study"]].at_options(number["at"])
-            line = Line(
-                target,
-                number["quantity"],
-                paper,
-                _of(points, number["value"]),
-                calibrated=target == "fig3",
-                readings=variants(studies) if target == "fig6" else {},
-            )
-            found.append(line)
+            ours = _of(points, number["value"])
+            line = Line(target, number["quantity"], paper, ours, target == "fig3")
+            readings = variants(studies) if target == "fig6" else {}
+            found.append(replace(line, readings=readings))
         for row in TABLE_1 if target in ROWS else ():
             group = studies["table"].by_row()[row]
             for quantity, text, value in ROWS[target]:
@@ -132,21 +128,9 @@ def _of(points: PointSet, value: str) -> Mean:
     return mean(points.of(value))
 
 
-#: reading of Fig. 6 -> share of sites, activation volume (nm³), and hold times (s) of the fit
-_VARIANTS = {
-    "ours: 1 to 1e4 s, f = 0.5, ΔV = 6.4 Å³": (0.5, WITH_PRESSURE, window(1)),
-    "10 to 1e4 s": (0.5, WITH_PRESSURE, FIT_WINDOW),
-    "100 to 1e5 s": (0.5, WITH_PRESSURE, (1e2, 1e5)),
-    "f = 0.25 (both faces half hydroxylated)": (0.25, WITH_PRESSURE, window(1)),
-    f"f = {PARTIAL:.2f} (2.6 of 4.9 OH/nm²)": (PARTIAL, WITH_PRESSURE, window(1)),
-    'ΔV = 0.04 Å³ ("0.04 Å³" read literally)': (0.5, LITERAL_VOLUME, window(1)),
-    "ΔV = 0.04 Å³, 100 to 1e5 s": (0.5, LITERAL_VOLUME, (1e2, 1e5)),
-}
-
-
 def variants(studies: Studies) -> dict[str, Mean]:
-    """β of Fig. 6 as the paper could be read as well."""
+    """β of Fig. 6 as the paper could be read: share of sites, activation volume (nm³), hold times (s) of the fit."""
     return {
-        name: mean(front(studies, share, volume).beta(hold))
-        for name, (share, volume, hold) in _VARIANTS.items()
+        name: mean(front(studies, share, volume).beta((first, last)))
+        for name, (share, volume, first, last) in DATA["variants"].items()
     }

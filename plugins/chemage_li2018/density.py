@@ -3,7 +3,7 @@
 Families of densities with at most three parameters age the contacts of the paper. Between computed densities the curves
 are interpolated, so that every family is drawn all over its box; each draw is weighted by the published rates, the
 start of the logarithmic regime and the order of the slopes. Members that span what this leaves open are computed again
-on every surface. Surfaces that have no part in this judge the result, and densities drawn from the prior test it.
+on every surface. Surfaces that have no part in this judge the result.
 """
 
 from __future__ import annotations
@@ -49,12 +49,10 @@ class Size(NamedTuple):
     judges: tuple[int, ...] = JUDGES
     #: densities of a family, by the number of its parameters
     design: tuple[int, int, int] = (12, 24, 56)
-    #: densities that test the calibration
-    cases: int = 40
     pixels: int = 2500
 
 
-QUICK = Size(SURFACES[:3], SURFACES[:1], JUDGES[:3], (8, 12, 20), 4, 400)
+QUICK = Size(SURFACES[:3], SURFACES[:1], JUDGES[:3], (8, 12, 20), 400)
 
 
 class Aged(NamedTuple):
@@ -112,8 +110,6 @@ class DensityStudy(NamedTuple):
     interpolated: Reported
     #: what all surfaces have more than those of the search, of each reference density
     shifts: Reported
-    #: of each case, whether the range of the members holds β under each unused condition, (cases, conditions)
-    held: np.ndarray
 
 
 def compute(rates: DensityCurves, size: Size) -> DensityStudy:
@@ -143,7 +139,6 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
     chosen = fit.spanning(prior.reported, of_draws, MDSilica.MEMBERS, first)
     members = [(prior.draws[at][0].name, prior.barriers(at)) for at in chosen]
     aged = Aged.on(rates, "members", members, size.surfaces)
-    held = _held(rates, size, prior, shift)
     return DensityStudy(
         size,
         prior,
@@ -157,33 +152,4 @@ def compute(rates: DensityCurves, size: Size) -> DensityStudy:
             *(of[chosen] for of in prior.reported[1:]),
         ),
         shifts,
-        held,
     )
-
-
-def _held(
-    rates: DensityCurves, size: Size, prior: DensityPrior, shift: Reported
-) -> np.ndarray:
-    """Calibrate to rates of known densities, and compare β under conditions without a rate with the computed one."""
-    rng = np.random.default_rng(27)
-    within = np.exp(prior.log_weight)
-    truths = rng.choice(len(within), size.cases, p=within / within.sum())
-    barriers = [prior.barriers(at) for at in truths]
-    curves = rates.curves("synthetic", barriers, size.search, CONDITIONS)
-    computed, held = Reported.of(curves.mean(axis=1)), []
-    for beta, onsets, crossing in zip(*computed, strict=True):
-        reading = rng.choice(len(fit.READINGS), p=fit.READING_WEIGHTS)
-        mean = beta[reading, :6] + shift.beta[reading]
-        error = fit.METHODS[rng.integers(len(fit.METHODS))] * rng.standard_normal(6)
-        printed = np.exp(rng.multivariate_normal(mean, prior.surface) + error).round(2)
-        published = Reported(
-            np.log(np.maximum(printed, fit.ROUNDING)),
-            onsets[reading] + fit.ONSET_ERROR * rng.standard_normal(2),
-            crossing + fit.CROSSING_ERROR * rng.standard_normal(1),
-        )
-        weight = prior.posterior(published).sum(axis=(1, 2))
-        members = fit.spanning(prior.reported, weight, MDSilica.MEMBERS)
-        ours = prior.reported.beta[members, OURS, 6:]
-        true = beta[OURS, 6:]
-        held.append((ours.min(axis=0) <= true) & (true <= ours.max(axis=0)))
-    return np.array(held)

@@ -40,11 +40,6 @@ def write_study(out: Path, *, quick: bool = False, force: bool = False) -> list[
     """Run the study, write page, figures and the table of densities into ``out``, and return their paths.
 
     Computed curves and contacts are kept in ``out/rates``; rerun the same command to resume.
-
-    Raises
-    ------
-    StoreError
-        A file exists and ``force`` is false, or ``out`` cannot be written.
     """
     text, table = out / "barrier_density.md", out / "md_silica_barriers.csv"
     pictures, name = out / "figures", "density-densities"
@@ -68,10 +63,8 @@ def page(study: DensityStudy) -> str:
     """Write the study as Markdown."""
     prior, beta = study.prior, study.members.beta()
     errors = fit.covariance(prior.covariance, PUBLISHED, fit.METHODS[0])
-    chi, times = (
-        prior.reported.chi_squared(PAPER, errors),
-        prior.reported.misfit_of_times(PAPER),
-    )
+    chi = prior.reported.chi_squared(PAPER, errors)[:, PREFER]
+    times = prior.reported.misfit_of_times(PAPER)[:, PREFER]
     families = []
     weight = study.weight.sum(axis=(1, 2)).reshape(len(fit.FAMILIES), -1)
     for number, of in enumerate(weight):
@@ -79,15 +72,9 @@ def page(study: DensityStudy) -> str:
         family, row = prior.draws[at]
         named = zip(family.ranges, row, strict=True)
         parameters = ", ".join(f"{name} {value:.3g}" for name, value in named)
-        shown = [
-            f"{of.sum():.3f}",
-            f"{chi[at, PREFER]:.1f}",
-            f"{times[at, PREFER]:.1f}",
-        ]
+        shown = [f"{of.sum():.3f}", f"{chi[at]:.1f}", f"{times[at]:.1f}"]
         families.append([family.name, parameters, *shown, *prior.reported.times(at)])
-    rest = [
-        a - b for a, b in zip(study.members.reported, study.interpolated, strict=True)
-    ]
+    rest = [*map(np.subtract, study.members.reported, study.interpolated)]
     return render(
         "density",
         study=study,

@@ -10,7 +10,6 @@ import numpy as np
 from chemage_li2018 import published
 from chemage_li2018.comparisons import Line, lines
 from chemage_li2018.decisions import CALIBRATED
-from chemage_li2018.measures import crossings, onsets
 from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber, window
 from chemage_li2018.sweeps import PARTIAL, WITH_PRESSURE, Studies, front, mean
 
@@ -50,9 +49,8 @@ def estimates(studies: Studies) -> Iterable[Estimate]:
         (f"{mean(partial)}, {mean(partial / half)} times that with f = 0.5",),
         (f"β × {mean(half / factor / full)} and β × {factor:g} exactly",),
     )
-    for (statement, how), found in zip(
-        published.DATA["estimates"].items(), computed, strict=True
-    ):
+    texts = published.DATA["estimates"].items()
+    for (statement, how), found in zip(texts, computed, strict=True):
         yield Estimate(statement, found[0], how, *found[1:])
 
 
@@ -77,18 +75,3 @@ def bands(studies: Studies) -> list[Band]:
             low, high = min(beta) / beta[0] - 1, max(beta) / beta[0] - 1
             found.append(Band(line, low, high, len(beta)))
     return found
-
-
-def times(studies: Studies) -> dict[str, tuple[float, float]]:
-    """The least and the largest of three times of Fig. 3 over the members, s."""
-    members = studies["members"].by("rms_slope", "activation_volume")
-    low, high = (members[slope, WITH_PRESSURE] for slope in (SLOPES[0], SLOPES[-1]))
-    seconds = {
-        "reversal": crossings(low, high),
-        "onset with ΔV": onsets(members[0.1, WITH_PRESSURE]),
-        "onset without": onsets(members[0.1, 0.0]),
-    }
-    return {
-        name: (float(np.nanmin(values)), float(np.nanmax(values)))
-        for name, values in seconds.items()
-    }

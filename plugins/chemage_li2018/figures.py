@@ -221,7 +221,7 @@ def fig3(axes: Sequence[Axes], studies: Studies) -> None:
             axis.locator_params(axis="x", nbins=5)
     # the hold times at which the order of the slopes reverses, larger
     inset = axes[0].inset_axes((0.09, 0.36, 0.38, 0.34))
-    for slope, group in volumes[6.4].circle().by("rms_slope").items():
+    for slope, group in volumes[6.4].by_row()[TABLE_1[0]].by("rms_slope").items():
         inside = (group.times >= 0.3) & (group.times <= 30)
         _band(inset, group.times[inside], group.coefficient[:, inside])
         axes[0].plot([], [], color=_COLOURS[slope], label=f"h' = {slope:g}")

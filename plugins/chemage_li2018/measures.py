@@ -121,7 +121,7 @@ def _of_slopes(points: PointSet) -> np.ndarray:
 
 def trends(studies: Studies) -> ClaimTest:
     """Δμ against slope, early and late, with ΔV and without."""
-    return _with_trends(_of_slopes(studies["rows"].circle()))
+    return _with_trends(_of_slopes(studies["rows"].by_row()[TABLE_1[0]]))
 
 
 def every_member(studies: Studies) -> ClaimTest:
@@ -182,7 +182,8 @@ def reversal(studies: Studies) -> ClaimTest:
 def beginnings(studies: Studies) -> ClaimTest:
     """When the logarithmic regime begins at h' = 0.1, with ΔV and without."""
     volumes = studies["rows"].by_volume()
-    chosen = [volumes[volume].circle().by("rms_slope")[0.1] for volume in (6.4, 0.0)]
+    circles = (volumes[volume].by_row()[TABLE_1[0]] for volume in (6.4, 0.0))
+    chosen = [points.by("rms_slope")[0.1] for points in circles]
     values = np.transpose([onsets(points) for points in chosen])
     return ClaimTest(values, list, np.array)
 
@@ -253,16 +254,12 @@ def centres(edges: np.ndarray) -> np.ndarray:
     return 0.5 * (edges[1:] + edges[:-1])
 
 
-def moments(points: PointSet, density: str, edges: str = "") -> np.ndarray:
-    """Mean and standard deviation of an observed density of every point, (2, n); without edges in units of a bin."""
-    weights = points.observed(density)
-    middle = np.arange(weights.shape[-1]) + 0.5
-    if edges:
-        middle = centres(points[0].observables[edges])
+def moments(points: PointSet, density: str, edges: str) -> np.ndarray:
+    """Mean and standard deviation of an observed density of every point, (2, n)."""
+    weights, middle = points.observed(density), centres(points[0].observables[edges])
     weights = weights / weights.sum(axis=-1, keepdims=True)
     mean = weights @ middle
-    away = middle - mean[..., None]
-    return np.stack([mean, np.sqrt((weights * away**2).sum(axis=-1))])
+    return np.stack([mean, np.sqrt((weights * (middle - mean[:, None]) ** 2).sum(-1))])
 
 
 def distributions(studies: Studies) -> ClaimTest:
@@ -270,7 +267,7 @@ def distributions(studies: Studies) -> ClaimTest:
     groups = studies["slopes"].by_volume()[6.4].by("rms_slope")
     each = [
         [
-            *moments(group, "pressures"),
+            *moments(group, "pressures", "pressure_edges"),
             *moments(group, "barriers_start", "barrier_edges"),
         ]
         for group in groups.values()
@@ -382,12 +379,9 @@ def warmth(studies: Studies, at: str) -> ClaimTest:
 
     errors = None
     if at == "warm tip":
-        half = _together(groups, lambda group: group.half_width_at(1e4))[0]
-        first, last = (
-            _together(groups, lambda group, t=time: group.at(t))[0]
-            for time in FIT_WINDOW
-        )
-        errors = half / 2 / (last - first)
+        half = _together(groups, lambda group: group.of("beta_half_width"))[0]
+        # hot contacts lose bonds, and have no β
+        errors = half / 2 / beta(FIT_WINDOW)[0].clip(0.1 * beta(FIT_WINDOW).max())
     return ClaimTest(
         beta(FIT_WINDOW),
         lambda found: [summit(kelvin, found)],

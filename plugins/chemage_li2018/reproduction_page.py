@@ -32,8 +32,6 @@ class Reproduction:
     estimates: list[Estimate] = field(default_factory=list)
     #: β over the members of the barrier density
     bands: list[Band] = field(default_factory=list)
-    #: the least and the largest of times of Fig. 3 over the members, s
-    times: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def summary(self) -> Iterator[str]:
         """What the terminal shows."""
@@ -59,7 +57,6 @@ def of_points(file: Path) -> tuple[Reproduction, str]:
         claims.claims(studies, names),
         list(estimates.estimates(studies)) if "estimates" in names else [],
         estimates.bands(studies) if "calibration" in names else [],
-        estimates.times(studies) if "calibration" in names else {},
     )
     return compared, page(compared, **about)
 
@@ -82,16 +79,9 @@ def page(results: Reproduction, targets: Sequence[str], **about: Any) -> str:
         misses=[line for line in results.lines if line.word == DISAGREES],
         read=[line for line in results.lines if line.readings],
         conflict=published.DATA["conflict"],
-        reasons={name: reason(name) for name in targets if name in REASONS},
+        reasons={
+            one: " ".join(REASONS[one].split()) for one in targets if one in REASONS
+        },
         captions={name: CAPTIONS[name] for name in targets if name in CAPTIONS},
         folder=FIGURES,
     )
-
-
-def reason(target: str) -> str:
-    """The probable reason for the differences of a target."""
-    (low, first), (high, last) = published.by_load("tips", "beta").items()
-    bonds = last * high / (first * low)
-    share = bonds**-1.5  # (low + adhesion) / (high + adhesion), area ∝ load^(2/3)
-    adhesion = (share * high - low) / (1 - share)
-    return " ".join(REASONS[target].split()).format(bonds=bonds, adhesion=adhesion)

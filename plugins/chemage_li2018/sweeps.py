@@ -1,7 +1,4 @@
-"""The scenes of each figure and table; those of one base form one sweep, so that figures share contacts.
-
-And the points of these sweeps, with their means over surface seeds.
-"""
+"""The scenes of each figure and table, one sweep for those of a base, so that they share contacts; and their points."""
 
 from __future__ import annotations
 
@@ -35,8 +32,6 @@ Value = TypeVar("Value")
 #: nm³: 6.4 Å³, and none
 WITH_PRESSURE = 0.0064
 VOLUMES = (WITH_PRESSURE, 0.0)
-#: nm³: "0.04 Å³" of the paper's Fig. 6, read literally
-LITERAL_VOLUME = 0.04e-3
 #: silanol density of a partly hydroxylated surface over that of the model, 2.6 and 4.9 OH/nm²
 PARTIAL = round(2.6 / 4.9, 4)
 #: seeds of the surfaces: none of them was used to fit the barrier density or to choose an option
@@ -52,13 +47,7 @@ TARGETS: dict[str, list[str]] = DATA["targets"]
 
 
 def chosen(names: Sequence[str]) -> list[str]:
-    """Check the names of targets and sort them as on the page; none, or ``all``, means all targets.
-
-    Raises
-    ------
-    InputError
-        There is no such target.
-    """
+    """Check the names of targets and sort them as on the page; none, or ``all``, means all targets."""
     for name in names:
         if name not in (targets := (*TARGETS, "all")):
             raise InputError(
@@ -102,19 +91,10 @@ def scenes(
     """Make scene data of the sweeps, by base, that together have every point of ``targets`` for every surface seed.
 
     ``pixels`` coarsens every rough surface at constant size, for tests.
-
-    Raises
-    ------
-    InputError
-        ``pixels`` cannot resolve the shortest wavelength.
     """
     if pixels is not None and pixels < FEWEST_PIXELS:
-        raise InputError.of(
-            "pixels",
-            pixels,
-            "cannot resolve the shortest wavelength (ζ = 150)",
-            f"give {FEWEST_PIXELS} or more",
-        )
+        remedy = f"give {FEWEST_PIXELS} or more"
+        raise InputError.of("pixels", pixels, "cannot resolve ζ = 150", remedy)
     sweeps = {}
     for name, base in BASES.items():
         columns = _columns(targets, name, seeds if base.get("rough", True) else ())
@@ -275,10 +255,6 @@ class PointSet(list[StudyPoint]):
         """Group the points by the rows of Table 1."""
         groups = self.by("hurst", "zeta", "eta")
         return Groups((row, groups[tuple(row.options.values())]) for row in TABLE_1)
-
-    def circle(self) -> PointSet:
-        """The points with the roughness of the reference, the first row of Table 1."""
-        return self.by_row()[TABLE_1[0]]
 
 
 class Groups(dict[Any, PointSet]):
