@@ -178,16 +178,23 @@ class AdhesiveBEM(HalfSpaceSolver):
             tolerance=START_TOLERANCE, gap=True, on_failure="return", **options
         )
 
+    @property
+    def _zone(self) -> float:
+        """Length of the zone of cohesion, E*ρ²/w, nm; infinite without adhesion."""
+        if not self.work_of_adhesion:
+            return math.inf
+        return self.modulus * self.range**2 / self.work_of_adhesion
+
     def _unresolved(self, size: float) -> str:
         """What is wrong with pixels of ``size`` nm, if they are not refused."""
         if not self.work_of_adhesion:
             return ""
-        needed = COARSEST * self.modulus * self.range**2 / self.work_of_adhesion
+        needed = COARSEST * self._zone
         if size <= needed * (1 + 1e-9):
             return ""
         why = (
             f"pixels of {size:.4g} nm do not resolve the zone in which the surfaces attract each other, "
-            f"E*ρ²/w = {needed / COARSEST:.4g} nm long, so that the contact sticks to the grid"
+            f"E*ρ²/w = {self._zone:.4g} nm long, so that the contact sticks to the grid"
         )
         if self.coarse == "refuse":
             raise InputError.of(
@@ -237,9 +244,8 @@ class AdhesiveBEM(HalfSpaceSolver):
         follower = self._follow(surface, path, 0.0)
         found = follower.quantities(path.control)
         others = list(self._coarsely(surface, path))
-        zone = self.modulus * self.range**2 / max(self.work_of_adhesion, 1e-300)
         stuck = (
-            HELD["dugdale"] * surface.pixel_size / zone
+            HELD["dugdale"] * surface.pixel_size / self._zone
             if self.law == "dugdale"
             else 0.0
         )
@@ -406,7 +412,7 @@ class AdhesiveBEM(HalfSpaceSolver):
         proportional to the work of adhesion, less where tension is less than what presses."""
         if not self.work_of_adhesion:
             return {}
-        coarse = size * self.work_of_adhesion / (self.modulus * self.range**2)
+        coarse = size / self._zone
         pressed = float(pressure.sum(where=pressure > 0))
         tension = pressed - float(pressure.sum())
         held = HELD[self.law] * coarse * tension / pressed if pressed else 0.0

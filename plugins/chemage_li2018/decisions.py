@@ -61,14 +61,19 @@ class ClaimTest:
     claimed: Sequence[float] = ()
     rivals: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
-    def accepts(self, values: np.ndarray) -> bool:
-        """Whether values (n, ...) agree with the claim; what cannot be computed does not."""
+    def numbers(self, values: np.ndarray) -> Sequence[float]:
+        """The numbers of ``limits`` of values (n, ...); nan, or infinite, where they cannot be computed."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = self.statistics(values.mean(axis=0))
-        return all(
-            one.low <= value <= one.high
-            for one, value in zip(self.limits, found, strict=True)
-        )
+            return self.statistics(values.mean(axis=0))
+
+    def within(self, numbers: Sequence[float] | np.ndarray) -> bool:
+        """Whether numbers are within the limits; what cannot be computed is not."""
+        pairs = zip(self.limits, numbers, strict=True)
+        return all(one.low <= x <= one.high for one, x in pairs)
+
+    def accepts(self, values: np.ndarray) -> bool:
+        """Whether values (n, ...) agree with the claim."""
+        return self.within(self.numbers(values))
 
     @property
     def decidable(self) -> bool:
@@ -89,12 +94,14 @@ class ClaimTest:
         away = (shares - 1) * np.sqrt(count / (count - 1))
         return away[rng.integers(count, size=(DRAWS, count))]
 
+    def drawn(self, truth: np.ndarray, scale: float = 1.0) -> np.ndarray:
+        """The numbers of synthetic sets about values (...), (draws, k); ``scale`` multiplies the noise."""
+        sets = (np.maximum(truth * (1 + scale * one), 0) for one in self.noise)
+        return np.array([self.numbers(values) for values in sets])
+
     def refused(self, truth: np.ndarray, scale: float = 1.0) -> float:
-        """Share of synthetic sets about values (...) that the test refuses; ``scale`` multiplies the noise."""
-        accepted = [
-            self.accepts(np.maximum(truth * (1 + scale * one), 0)) for one in self.noise
-        ]
-        return 1 - float(np.mean(accepted))
+        """Share of synthetic sets about values (...) that the test refuses."""
+        return 1 - float(np.mean([*map(self.within, self.drawn(truth, scale))]))
 
     @cached_property
     def power(self) -> dict[str, float]:
@@ -142,19 +149,14 @@ class ClaimTest:
 
     def found(self) -> str:
         """The numbers of ours with their standard errors, and the readings that do not agree, in words."""
-        ours = self.statistics(self.values.mean(axis=0))
-        errors = np.full(len(ours), np.nan)
-        if self.decidable:
-            middle = self.values.mean(axis=0)
-            drawn = [
-                self.statistics((middle * (1 + one)).mean(axis=0)) for one in self.noise
-            ]
-            errors = np.std(drawn, axis=0)
+        ours = self.numbers(self.values)
+        drawn = self.drawn(self.values.mean(axis=0)) if self.decidable else None
+        errors = np.full(len(ours), np.nan) if drawn is None else drawn.std(axis=0)
         parts = [
             one.shown(value, error)
             for one, value, error in zip(self.limits, ours, errors, strict=True)
         ]
         for name, values in self.readings.items():
-            (limit, *_), (value, *_) = self.limits, self.statistics(values.mean(axis=0))
-            parts.append(f"{name}: {limit.shown(value, np.nan)}")
+            shown = self.limits[0].shown(self.numbers(values)[0], np.nan)
+            parts.append(f"{name}: {shown}")
         return "; ".join(parts)

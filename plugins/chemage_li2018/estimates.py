@@ -1,4 +1,4 @@
-"""Estimates of the text of the paper beside ours, and β and times over the members of the density."""
+"""Estimates of the text of the paper beside ours, and β over the members of the density."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from chemage_li2018.decisions import CALIBRATED
 from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber, window
 from chemage_li2018.sweeps import PARTIAL, WITH_PRESSURE, Studies, front, mean
 
-#: by which plasticity multiplies the elastic contact area at h' = 1: the paper has 2 × 0.2/1.0 = 0.4 times the area at
-#: h' = 0.2, of which 0.2/1.0 are the slopes
+#: the paper's gain of area by plasticity at h' = 1: 2 × 0.2/1.0 = 0.4 of that at h' = 0.2, of which 0.2/1.0 are slopes
 PLASTIC = 2.0
 #: hold times (s) of all β here
 _HOLD = window(WITH_PRESSURE)

@@ -317,8 +317,7 @@ def against_morphology(studies: Studies, at: float) -> ClaimTest:
     least = np.nan
     if test.decidable:
         # a line with this noise has a lower correlation in one of fifty draws
-        means = truth((0, 1)) * (1 + test.noise.mean(axis=1))
-        least = float(np.quantile([statistics(*one)[0] for one in means], 0.02))
+        least = float(np.quantile(test.drawn(truth((0, 1)))[:, 0], 0.02))
     limits = (
         Limits("correlation of the means of the rows", low=least),
         Limits("rise", low=0.0, high=0.2, percent=True),
