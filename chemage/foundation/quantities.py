@@ -102,6 +102,8 @@ class Declared:
         return replace(self, **changes)
 
 
+#: a part of an error, over the largest one, that a table leaves out: it changes the interval by less than 0.5 %
+NEGLIGIBLE = 0.1
 #: how the error of a number is stated: not at all, by half the width of a 95 % interval, or by both its ends
 Stated = Literal["", "half_width", "ends"]
 _OF_ERRORS = {
@@ -142,9 +144,12 @@ class Quantity(Declared):
         return self.half_width / abs(self.value) if self.value else math.nan
 
     def parts(self) -> list[tuple[str, str, str]]:
-        """The parts of its error: what each is due to, its relative size, and how it is known."""
+        """The parts of its error that count: what each is due to, its relative size, and how it is known."""
         parts = []
+        sizes = [part.size for part in self.errors.values()]
         for cause, part in self.errors.items():
+            if part.size < NEGLIGIBLE * max(sizes):
+                continue
             share = part.size / abs(self.value) if self.value else math.nan
             size = percent(share) if math.isfinite(share) else "not known"
             parts.append((cause, size, part.how))

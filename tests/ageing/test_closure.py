@@ -235,9 +235,7 @@ def _silica():
     return patch, patch.chemistry.replace(interaction=strong)
 
 
-@pytest.mark.parametrize(
-    "tip", [pytest.param(False, marks=pytest.mark.long), pytest.param(True, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("tip", [pytest.param(tip, marks=pytest.mark.campaign) for tip in (False, True)])
 def test_the_stated_error_holds_on_very_rough_contacts_and_on_twelve_sites_under_a_tip(monkeypatch, tip):
     """H = 0.3 with a shortest wave of two pixels, a patch for each three to four sites; and a tip of 4 nm."""
     for name, value in (("SIDE", 128), ("BAND", 8), ("FIRST", 2), ("MOST", 256)):

@@ -87,15 +87,15 @@ def test_a_cycle_loses_what_maugis_predicts():
     """Tabor's parameter 2.6: jump-in, jump-out and the work between them, within their stated errors."""
     radius, work, reach = 10.0, 0.3, 0.03 * 1.2
     maugis: Any = ca.contact("maugis", modulus=E, work_of_adhesion=work, range=reach)
-    surface = ca.surface("sphere", radius=radius, pixels=140, pixel_size=0.043).make()
+    surface = ca.surface("sphere", radius=radius, pixels=96, pixel_size=0.07).make()
     solver = bem(range=reach, work_of_adhesion=work, law="dugdale")
-    found = solver.loop(surface, [-0.2, 0.1, -0.2])
-    expected = maugis.loop(surface, [-0.2, 0.1, -0.2])
+    found = solver.loop(surface, [-0.2, 0.3, -0.2])
+    expected = maugis.loop(surface, [-0.2, 0.3, -0.2])
     for one, other in zip(found.quantities(), expected.quantities(), strict=True):
         assert abs(one.value - other.value) < one.half_width, one.name
     # too large in proportion to the pixel, by 0.14 of it in units of E*ρ²/w (measured 5.5, 3.9, 2.7 and 2.3 % at pixels
     # of 0.06, 0.043, 0.03 and 0.025 nm)
-    pixel = 0.043 * work / (E * reach**2)
+    pixel = 0.07 * work / (E * reach**2)
     assert expected.pull_off.value < found.pull_off.value < (1 + 0.16 * pixel) * expected.pull_off.value
 
 

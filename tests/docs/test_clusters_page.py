@@ -130,7 +130,7 @@ def test_the_array_of_slurm(cluster):
         assert Path("study", name).read_bytes() == Path("serial", name).read_bytes()
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_the_array_of_pbs(cluster):
     # as it stands but for the number of jobs
     Path("array.pbs").write_text(block("#PBS -J").replace("-16", "-4").replace("/16", "/4"))
@@ -141,7 +141,7 @@ def test_the_array_of_pbs(cluster):
     assert "32 of 32 points done" in shell(collect)
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_shares_by_hand(cluster):
     check, first, second, collect = block("chemage sweep study.toml --out study --points 1/16").splitlines()
     assert "points in each of 16 shares" in shell(check)

@@ -58,8 +58,10 @@ def test_numbers_are_read_with_their_errors():
     assert numbers(one) == [(1.5, 0.2), (2.0, 1.25), (7e-3, 0.0)]
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.campaign if name == "job_array" else pytest.mark.long) for name in NAMES],
+)
 def test_a_notebook_gives_its_numbers_again(name):
     source = (DOCS / "notebooks" / f"{name}.py").read_text(encoding="utf-8")
     before, now = numbers(stored(name)), numbers(SCRIPT["executed"](source))

@@ -193,7 +193,7 @@ def swept(tmp_path_factory):
     return folder, damages.points_of(folder)
 
 
-@pytest.mark.parametrize("count", [8, pytest.param(60, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [8, pytest.param(60, marks=pytest.mark.campaign)])
 def test_a_damaged_sweep_is_counted_and_made_again_or_refused(swept, tmp_path, count):
     whole, expected = swept
     rng = np.random.default_rng(4)

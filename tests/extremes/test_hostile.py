@@ -18,7 +18,7 @@ import pytest
 HOSTILE = Path(__file__).parents[1] / "stubs" / "hostile.py"
 CASES = int(os.environ.get("CHEMAGE_FUZZ", "700"))
 #: of these, in the quick run
-QUICK = min(25, CASES)
+QUICK, MORE = min(25, CASES), min(240, CASES)
 #: where one process ends and the next begins, so that a crash costs few cases
 BATCH = 3000
 
@@ -47,7 +47,10 @@ def bad_ends(first, last):
 OBJECTS = Path(__file__).parents[1] / "benchmarks" / "hostile_objects.py"
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, 40), pytest.param(40, 700, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("first", "last"),
+    [(0, 40), pytest.param(40, 240, marks=pytest.mark.long), pytest.param(240, 700, marks=pytest.mark.campaign)],
+)
 def test_every_public_function_answers_or_refuses_every_object(first, last, tmp_path):
     command = [sys.executable, str(OBJECTS), str(first), str(last)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
@@ -55,7 +58,14 @@ def test_every_public_function_answers_or_refuses_every_object(first, last, tmp_
     assert done.returncode == 0, "\n\n".join(wrong) or done.stderr
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, QUICK), pytest.param(QUICK, CASES, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("first", "last"),
+    [
+        (0, QUICK),
+        pytest.param(QUICK, MORE, marks=pytest.mark.long),
+        pytest.param(MORE, CASES, marks=pytest.mark.campaign),
+    ],
+)
 def test_no_input_ends_in_a_signal_a_traceback_a_hang_or_numbers_that_are_none(first, last):
     found = bad_ends(first, last)
     assert not found, "\n\n".join(f"case {number}: {wrong}" for number, wrong in found.items())

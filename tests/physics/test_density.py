@@ -164,7 +164,7 @@ def test_densities_age_the_same_sites_and_nothing_is_computed_twice(tmp_path):
     np.testing.assert_array_equal(again.curves("a", two, QUICK.surfaces[:1]), curves)
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_the_study_writes_its_page_and_a_table_that_md_silica_can_read(tmp_path):
     paths = density_page.write_study(tmp_path / "study", quick=True)
     assert all(path.stat().st_size > 0 for path in paths)

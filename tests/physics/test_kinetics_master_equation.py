@@ -341,7 +341,13 @@ SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2)
         # the same on more lattices
         *(pytest.param(kind, range(66, 79), 10**6, marks=pytest.mark.campaign) for kind in PLAIN if kind != "auto"),
         # on nine sites, as on a large lattice: predicting, with a list of fast sites
-        *(pytest.param(kind, (319, 369), 9, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
+        *(
+            pytest.param(
+                kind, (319, 369), 9, marks=pytest.mark.campaign if kind == "next-reaction" else pytest.mark.long
+            )
+            for kind in PLAIN
+            if kind != "auto"
+        ),
     ],
 )
 def test_random_lattices_follow_the_master_equation_with_every_option(kind, numbers, far, monkeypatch):

@@ -224,7 +224,7 @@ def cases(slow: bool) -> list[Any]:
     """Every kind with its options; ``slow``: those with checks that take longest."""
 
     def marks(role: str, kind: str, number: int) -> list[pytest.MarkDecorator]:
-        if slow and kind == "auto":
+        if slow and kind in ("auto", "next-reaction"):
             return [pytest.mark.campaign]
         return [pytest.mark.long] if (role, kind, number) in SECOND else []
 

@@ -385,7 +385,7 @@ def test_results_far_apart_are_drawn_on_a_logarithmic_axis(results):
 
 
 @pytest.mark.parametrize(
-    "suffix", ["svg", *(pytest.param(suffix, marks=pytest.mark.long) for suffix in ("png", "pdf"))]
+    "suffix", ["svg", *(pytest.param(suffix, marks=pytest.mark.campaign) for suffix in ("png", "pdf"))]
 )
 @pytest.mark.long
 def test_figures_are_written_whatever_the_names_look_like(results, tmp_path, suffix):

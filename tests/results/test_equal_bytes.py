@@ -58,7 +58,12 @@ def test_the_table_says_nothing_that_is_not_tested():
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("column", "number"), [(column, number) for column, every in SETTINGS.items() for number in range(len(every))]
+    ("column", "number"),
+    [
+        pytest.param(column, number, marks=pytest.mark.campaign if number else ())
+        for column, every in SETTINGS.items()
+        for number in range(len(every))
+    ],
 )
 def test_a_column_holds(column, number, usual, tmp_path):
     found, promises = results(SETTINGS[column][number], tmp_path / "found.npz"), table()

@@ -122,7 +122,7 @@ def test_members_are_other_surfaces_that_the_image_allows(tmp_path):
     assert "tip_radius is not given" in roughened(tmp_path, drawn(law(0.8), 8)).unknown
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_a_mean_has_the_error_of_what_the_image_does_not_show(tmp_path):
     maker = roughened(tmp_path, drawn(law(0.8), 9), resolution="6 nm")
     scene = {

@@ -211,14 +211,16 @@ def scans():
     yield np.ascontiguousarray(real), 2.34375
 
 
-@pytest.mark.long
+@pytest.mark.parametrize(
+    "strengths", [pytest.param([1], marks=pytest.mark.long), pytest.param([0, 2], marks=pytest.mark.campaign)]
+)
 @pytest.mark.parametrize("spoil", SPOILED, ids=lambda one: one.__name__)
-def test_no_spoiled_scan_is_wrong_in_silence(spoil):
+def test_no_spoiled_scan_is_wrong_in_silence(spoil, strengths):
     """It is refused, or the artefact is named, or the rms slope of the fit is within twice the half width of its 90 %
     interval."""
     for which, (before, side) in enumerate(scans()):
         truth = fit_roughness(ca.Surface(heights=before, pixel_size=side, periodic=False))
-        for strength in range(3):
+        for strength in strengths:
             heights = before.copy()
             spoil(heights, strength, np.random.default_rng([which, strength]))
             what, off = judged(heights, side, truth)

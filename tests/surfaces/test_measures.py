@@ -146,7 +146,7 @@ def test_offset_lines_do_not_change_the_fit():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("radius", [8.0, 20.0])
+@pytest.mark.parametrize("radius", [8.0, pytest.param(20.0, marks=pytest.mark.campaign)])
 def test_the_effect_of_a_tip_is_seen_corrected_and_stated(radius):
     true = ca.surface("self-affine", pixels=512, pixel_size=2.0, rms_slope=0.2, hurst=0.7, zeta=256).make(5)
     image = Surface(heights=dilated(true.heights, 2.0, radius), pixel_size=2.0)

@@ -257,21 +257,20 @@ UNUSUAL: dict[str, Any] = {
 
 
 #: engines take longest, and solvers; quick tests check others
-LONG = (
-    "a sphere that yields",
-    "a layer",
-    "two hundred neighbours",
-    "an approximate engine",
-    "an engine that draws in another way",
-    "a low hardness",
-    "a hardness",
-    "a solver with an error that it declares",
-)
+MARKS = dict.fromkeys(
+    (
+        "a sphere that yields",
+        "a layer",
+        "two hundred neighbours",
+        "a low hardness",
+        "a hardness",
+        "a solver with an error that it declares",
+    ),
+    pytest.mark.long,
+) | dict.fromkeys(("an approximate engine", "an engine that draws in another way"), pytest.mark.campaign)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in UNUSUAL]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in UNUSUAL])
 def test_an_unusual_component_passes(name):
     testing.check_component(UNUSUAL[name](), all=True)
 

@@ -405,7 +405,7 @@ def test_sixteen_processes_at_the_same_time(command, file, tiny):
     assert tables("out") == tables("whole")
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_the_same_share_in_three_processes_at_the_same_time(command, file, tiny):
     file.write_text(FILE.replace("pause = 0.0", "pause = 0.2"))
     finish([start("study.toml", "--out", "out", "--points", "1/1") for _ in range(3)])
@@ -414,7 +414,7 @@ def test_the_same_share_in_three_processes_at_the_same_time(command, file, tiny)
     assert tables("out") == tables("whole")
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_kill_and_again(command, file, tiny):
     tiny.hold(6, 1.0)
     for _ in range(2):
@@ -442,7 +442,7 @@ def test_kill_and_again(command, file, tiny):
     assert not Path("out/.parts").exists()
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_shares_in_several_processes_each(command, file, tiny):
     words = ["--out", "out", "--executor", "processes", "--workers", "2"]
     finish([start("study.toml", *words, "--points", f"{share}/2") for share in (1, 2)])
