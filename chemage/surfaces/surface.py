@@ -56,6 +56,18 @@ class PixelMap:
         """A0, nm²."""
         return self._first.size * self.pixel_size**2
 
+    @property
+    def missed_peak(self) -> float:
+        """By how much the largest value may be exceeded between two pixels: of the parabola through its neighbours."""
+        values = self._first
+        place = np.unravel_index(int(values.argmax()), values.shape)
+        peak, missed = float(values[place]), 0.0
+        for axis in (0, 1):
+            line = np.take(values, place[1 - axis], 1 - axis)
+            around = line[[place[axis] - 1, (place[axis] + 1) % line.size]]
+            missed += max(2 * peak - float(around.sum(dtype=np.float64)), 0.0) / 8
+        return missed
+
     def coordinates(self) -> dict[str, np.ndarray]:
         """Centres of the pixels along ``x`` and ``y``, nm."""
         return {

@@ -62,6 +62,7 @@ class HalfSpaceSolver(ContactSolver, ABC):
 
     def solution(self, surface: Surface, **fields: Any) -> ContactSolution:
         """The contact of ``surface`` with these fields, whose arrays are frozen."""
+        fields["convergence"] |= {"summit": surface.missed_peak}
         for value in fields.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
