@@ -678,7 +678,9 @@ class Descent:
             new = shift + excess / count if count else math.nan
             if not low < new < high:
                 break
-            if abs(excess) < LITTLE_EXCESS * grid.load:
+            if abs(excess) < LITTLE_EXCESS * min(
+                grid.load, FEW_FREE * count * float(grid.hardness)
+            ):
                 return new, 1.0, squares + count * (new - shift) ** 2
             shift = new
             grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)
