@@ -163,9 +163,10 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
         )
     if grid.hardness is not None:
         np.minimum(p, grid.hardness, out=p)
+    total = grid.load
     if load_given:
         total, _, least = sums(p, p, grid.team)
-        restored(p, total, grid.load, grid.hardness, grid.team)
+        total = restored(p, total, grid.load, grid.hardness, grid.team)
         if body.padded == body.shape and least > 0.0:
             end = _full_contact(grid)
             if end is not None:
@@ -176,7 +177,7 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
             max(tolerance, COARSE_TOLERANCE),
             min(limit, COARSE_ITERATIONS),
         )
-    return Descent(grid, p, tolerance, limit, finest).run()
+    return Descent(grid, p, total, tolerance, limit, finest).run()
 
 
 def _flattening(grid: GridProblem) -> Array:
