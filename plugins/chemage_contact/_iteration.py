@@ -11,7 +11,8 @@ negative where p = H, by the plastic displacement. Method:
 * Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
   Optim. Theory Appl. 162, 862 (2014). Most of its term for flow out of the working set is removed again (the regional
   instead of the restricted fractional Laplacian), which saves up to a third of the iterations.
-* Coarse to fine: each grid starts from the interpolated solution of the next coarser one.
+* Coarse to fine: each grid starts from the interpolated solution of the next coarser one. With a hardness, where free
+  pixels are too few to bear what the interpolation changes of the load, the pixels with the smallest gaps yield.
 * Mixed precision by iterative refinement: pressure and gap are kept in double precision, but only *changes* of the
   gap are computed, in single precision, so that their rounding errors shrink with the changes.
 * Most iterations use the split operator of ``_grid``, a stencil and a coarse grid, which costs less than one
