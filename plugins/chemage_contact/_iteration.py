@@ -330,16 +330,13 @@ def _calls(
         elif split:
             yield call(kernels.restrict_between)
             yield call(kernels.local_between)
-        yield call(kernels.products)
-        yield call(kernels.direction)
+        yield from map(call, (kernels.products, kernels.direction))
         if not split:
             yield spectral(kernels.quadratic_form)
-        yield call(kernels.projection)
-        yield call(kernels.move)
-        if not split:
             yield spectral(kernels.multiply)
-        yield call(kernels.advance)
+        yield from map(call, (kernels.projection, kernels.move, kernels.advance))
     if state != work:
         yield spectral(convolution, state)
         yield call(kernels.subtract, u=p, heights=Heights(source))
     yield call(kernels.correct)
+    yield call(kernels.scale, factor=state(1), hardness=None)
