@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._grid import rescale, sums
+from ._grid import rescale
 from ._operators import Team
 
 Array = NDArray[Any]
 
-#: To restore the load, free pixels are multiplied or divided by at most this factor; beyond it the pressure is shifted.
-LARGEST_FACTOR = 2.0
-#: Passes of multiplication, each of which may take more pixels to the hardness.
+#: Passes in which free pixels are multiplied to restore the load, each of which may take more pixels to the hardness.
 PASSES = 4
 #: steps in which the shift is found at most
 MOST_STEPS = 300
 #: of the load, relatively
 ROUNDING = 1e-14
+#: One of so many numbers is in the sample that says where those of a rank are.
+STRIDE = 61
 
 
 def shift_to(q: Array, load: float, hardness: float | None = None) -> float:
@@ -51,6 +51,21 @@ def shift_to(q: Array, load: float, hardness: float | None = None) -> float:
     return shift
 
 
+def ranked(x: Array, first: int, last: int) -> tuple[float, float]:
+    """The numbers at two places of sorted x: of those between two of a sample (R. W. Floyd, R. L. Rivest, Commun. ACM
+    18, 165 (1975)), or of all where these do not contain them."""
+    x = x.ravel()
+    sample = np.concatenate([[-math.inf], np.sort(x[::STRIDE]), [math.inf]])
+    margin = 2.0 * math.sqrt(sample.size)  # four standard deviations at most
+    low = sample[max(math.floor(first / STRIDE - margin), 0)]
+    high = sample[min(math.ceil(last / STRIDE + margin), sample.size - 1)]
+    below, some = int(np.count_nonzero(x < low)), x[(x >= low) & (x <= high)]
+    if not below <= first <= last < below + some.size:
+        below, some = 0, x
+    order = np.partition(some, (first - below, last - below))
+    return float(order[first - below]), float(order[last - below])
+
+
 def projected(q: Array, mean: float = 1.0, hardness: float | None = None) -> Array:
     """The nearest array to q that has the given mean, no negative entry, and none above ``hardness``."""
     admissible = np.maximum(q - np.float64(shift_to(q, mean * q.size, hardness)), 0.0)
@@ -61,7 +76,8 @@ def restored(p: Array, total: float, load: float, hardness: Any, team: Team) -> 
     """Make p (nx, ny), which is within its bounds and adds up to ``total``, add up to ``load``, in place; returns its
     sum.
 
-    Without ``hardness`` it is multiplied; with it, only free pixels are, unless they bear too little of the load.
+    Without ``hardness`` it is multiplied; with it, only free pixels are, and not where they bear too little of the
+    load.
     """
     if hardness is None:
         return rescale(p, load / total, team)
@@ -71,14 +87,7 @@ def restored(p: Array, total: float, load: float, hardness: Any, team: Team) -> 
         if abs(total - load) <= ROUNDING * load:
             return total
         factor = (load - full) / free if free > 0.0 else 0.0
-        if not 1.0 / LARGEST_FACTOR < factor < LARGEST_FACTOR:
-            break
+        if factor <= 0.0:
+            return total
         total = rescale(p, factor, team, hardness)
-    else:
-        return total
-    touching = p > 0
-    if hardness * int(np.count_nonzero(touching)) < load:
-        touching[...] = True
-    some = p[touching]
-    p[touching] = projected(some, load / some.size, float(hardness))
-    return sums(p, p, team)[0]
+    return total

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from chemage.plugin import progress
 
 from . import _kernels as kernels
-from ._bounds import restored, shift_to
+from ._bounds import ranked, restored, shift_to
 from ._grid import Convolution, GridProblem, Split, suits
 from ._kernels import DescentState, Search
 from ._operators import Active
@@ -131,7 +131,13 @@ class Descent:
     """
 
     def __init__(
-        self, grid: GridProblem, p: Array, tolerance: float, limit: int, final: bool
+        self,
+        grid: GridProblem,
+        p: Array,
+        load: float,
+        tolerance: float,
+        limit: int,
+        final: bool,
     ) -> None:
         self.grid, self.tolerance, self.limit, self.final = (
             grid,
@@ -158,7 +164,7 @@ class Descent:
         #: offset that the stored gap already contains
         self.base = grid.offset_fixed or 0.0
         #: present sum of the pressure
-        self.load = grid.load
+        self.load = load
         self._evaluate_gap(grid.operator)
 
     def run(self) -> GridSolution:
@@ -213,25 +219,25 @@ class Descent:
     def _evaluate_gap(self, operator: Convolution) -> None:
         """Evaluate the gap from the pressure by Fourier transforms, relative to the last offset.
 
-        Before that, the load is restored, if rounding the changes of the pressure has changed it.
+        Before that, the load is restored, if rounding the changes of the pressure has changed it; where free pixels
+        cannot bear it, after that, from the gap.
         """
-        if self.grid.offset_fixed is None:
+        grid, allowed = self.grid, math.inf
+        if grid.offset_fixed is None:
+            allowed = LITTLE_EXCESS
             self.base += (
                 self.standing.offset if math.isfinite(self.standing.offset) else 0.0
             )
-            allowed = max(LOAD_ROUNDING, 4.0 * float(np.finfo(self.grid.state).eps))
-            if (
-                operator is self._reporting_operator()
-                and abs(self.load / self.grid.load - 1.0) > allowed
-            ):
-                self.load = restored(
-                    self.state.p,
-                    self.load,
-                    self.grid.load,
-                    self.grid.hardness,
-                    self.grid.team,
-                )
-        self.grid.gap(operator, self.base, self.state)
+            if operator is self._reporting_operator():
+                allowed = max(LOAD_ROUNDING, 4.0 * float(np.finfo(grid.state).eps))
+                if abs(self.load / grid.load - 1.0) > allowed:
+                    self.load = restored(
+                        self.state.p, self.load, grid.load, grid.hardness, grid.team
+                    )
+        grid.gap(operator, self.base, self.state)
+        if grid.hardness is not None and abs(self.load / grid.load - 1.0) > allowed:
+            self._fill(float(grid.hardness))
+            grid.gap(operator, self.base, self.state)
         self.evaluated = True
         self.evaluated_by = operator
         self.evaluated_exactly = operator is self._reporting_operator()
@@ -323,15 +329,26 @@ class Descent:
         r = self.state.r
         if self.grid.hardness is None:
             return -float(r.min())
-        number = self.grid.load / float(self.grid.hardness)
+        # rounding the hardness down may leave less than the load on all pixels
+        number = min(self.grid.load / float(self.grid.hardness), r.size)
         whole = round(number)
         if abs(number - whole) > INTEGER * number:
             first = last = math.floor(number)
         else:  # none need be free: any offset between the last that yields and the first that is not in contact
             first, last = whole - 1, whole
-        first, last = max(first, 0), min(last, r.size - 1)
-        levels = np.partition(r, (first, last), axis=None)
-        return -0.5 * float(levels[first] + levels[last])
+        return -0.5 * sum(ranked(r, max(first, 0), min(last, r.size - 1)))
+
+    def _fill(self, hardness: float) -> None:
+        """Let the pixels with the smallest gaps yield, as on a rigid body, so many that they bear the load."""
+        r, number = self.state.r, self.grid.load / hardness
+        rounding = LOAD_ROUNDING * number
+        whole = min(int(number + rounding), r.size - 1)
+        level, _ = ranked(r, whole, whole)
+        full, last = r < level, r == level
+        share = (number - np.count_nonzero(full)) / max(np.count_nonzero(last), 1)
+        self.state.p[...] = np.where(full, hardness, 0.0)
+        self.state.p[last] = hardness * min(share, 1.0) if share > rounding else 0.0
+        self.load = self.grid.load
 
     def _trusted(self) -> bool:
         """Whether the errors are those of a gap that may be reported."""
@@ -678,7 +695,9 @@ class Descent:
             new = shift + excess / count if count else math.nan
             if not low < new < high:
                 break
-            if abs(excess) < LITTLE_EXCESS * grid.load:
+            if abs(excess) < LITTLE_EXCESS * min(
+                grid.load, FEW_FREE * count * float(grid.hardness)
+            ):
                 return new, 1.0, squares + count * (new - shift) ** 2
             shift = new
             grid.run(kernels.projection, *args, shift, grid.hardness, grid.part)

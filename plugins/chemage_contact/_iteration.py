@@ -11,7 +11,8 @@ negative where p = H, by the plastic displacement. Method:
 * Preconditioner of opposite order: the inverse symbol |q|, restricted to the working set: E. A. H. Vollebregt, J.
   Optim. Theory Appl. 162, 862 (2014). Most of its term for flow out of the working set is removed again (the regional
   instead of the restricted fractional Laplacian), which saves up to a third of the iterations.
-* Coarse to fine: each grid starts from the interpolated solution of the next coarser one.
+* Coarse to fine: each grid starts from the interpolated solution of the next coarser one. With a hardness, where free
+  pixels are too few to bear what the interpolation changes of the load, the pixels with the smallest gaps yield.
 * Mixed precision by iterative refinement: pressure and gap are kept in double precision, but only *changes* of the
   gap are computed, in single precision, so that their rounding errors shrink with the changes.
 * Most iterations use the split operator of ``_grid``, a stencil and a coarse grid, which costs less than one
@@ -163,9 +164,10 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
         )
     if grid.hardness is not None:
         np.minimum(p, grid.hardness, out=p)
+    total = grid.load
     if load_given:
         total, _, least = sums(p, p, grid.team)
-        restored(p, total, grid.load, grid.hardness, grid.team)
+        total = restored(p, total, grid.load, grid.hardness, grid.team)
         if body.padded == body.shape and least > 0.0:
             end = _full_contact(grid)
             if end is not None:
@@ -176,7 +178,7 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
             max(tolerance, COARSE_TOLERANCE),
             min(limit, COARSE_ITERATIONS),
         )
-    return Descent(grid, p, tolerance, limit, finest).run()
+    return Descent(grid, p, total, tolerance, limit, finest).run()
 
 
 def _flattening(grid: GridProblem) -> Array:
@@ -328,16 +330,13 @@ def _calls(
         elif split:
             yield call(kernels.restrict_between)
             yield call(kernels.local_between)
-        yield call(kernels.products)
-        yield call(kernels.direction)
+        yield from map(call, (kernels.products, kernels.direction))
         if not split:
             yield spectral(kernels.quadratic_form)
-        yield call(kernels.projection)
-        yield call(kernels.move)
-        if not split:
             yield spectral(kernels.multiply)
-        yield call(kernels.advance)
+        yield from map(call, (kernels.projection, kernels.move, kernels.advance))
     if state != work:
         yield spectral(convolution, state)
         yield call(kernels.subtract, u=p, heights=Heights(source))
     yield call(kernels.correct)
+    yield call(kernels.scale, factor=state(1), hardness=None)

@@ -216,7 +216,6 @@ class FFTBEM(HalfSpaceSolver):
         digits = math.log10(1e-5 / required)
         work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
-        factor *= 1.0 if self.hardness is None else 1.3
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (
             2.0 if self.levels == 1 else 1.0
         )

@@ -12,7 +12,7 @@ from scipy import integrate, optimize, special
 import chemage as ca
 from chemage import InputError, Surface
 from chemage_contact import FFTBEM, Hertz, _iteration, _kernels
-from chemage_contact._bounds import projected, shift_to
+from chemage_contact._bounds import projected, ranked, shift_to
 from chemage_contact._yielding_sphere import ONSET, Ring, yielding_sphere
 from chemage_surfaces import SelfAffine, Sphere
 
@@ -107,6 +107,30 @@ def test_without_a_hardness_nothing_is_new():
     assert all(math.isnan(share) for share in contact.yielded)
     with pytest.raises(InputError, match="give its solver a hardness"):
         contact.residual_surface(rough(64))
+
+
+@pytest.mark.parametrize("precision", ["single", "mixed", "double"])
+@pytest.mark.parametrize("over", [1.001, 1.1, 3.0])
+def test_near_full_yield_it_takes_no_more_transforms_than_the_elastic_contact(over, precision):
+    surface = rough(256)
+    load = 0.03 * surface.nominal_area
+    elastic, hard = (bem(h, precision=precision).solve(surface, load) for h in (None, over * 0.03))
+    assert hard.yielded.load > 0.98
+    assert hard.iterations < elastic.iterations
+    assert hard.convergence["transforms"] <= elastic.convergence["transforms"] + 2
+    assert hard.convergence["force_error"] < (5e-7 if precision == "single" else 2e-13)
+
+
+@pytest.mark.parametrize("precision", ["single", "mixed", "double"])
+@pytest.mark.parametrize("over", [0.0, 1e-9, 3e-8, 1e-6])
+def test_a_hardness_that_is_the_mean_pressure_up_to_rounding(over, precision):
+    """All of the surface yields, or all but part of a pixel."""
+    surface = rough(64)
+    load = 2.1 * surface.nominal_area
+    contact = bem(2.1 * (1 + over), precision=precision).solve(surface, load)
+    assert contact.area_fraction == 1
+    assert contact.yielded.load > 0.999
+    assert contact.pressure.sum(dtype=float) * 0.25 == pytest.approx(load, rel=2e-7 if precision == "single" else 1e-12)
 
 
 # -- the conditions ---------------------------------------------------------------------------------------------------
@@ -369,6 +393,18 @@ def test_the_projection_is_the_nearest_admissible_pressure(share):
     assert p.mean() == pytest.approx(2.0 * share)
     t = shift_to(q, share * 2.0 * q.size, 2.0)
     np.testing.assert_allclose(p, np.clip(q - t, 0.0, 2.0), atol=1e-12)  # the conditions of the nearest one
+
+
+@pytest.mark.parametrize("kind", ["noise", "rows", "ties", "constant"])
+@pytest.mark.parametrize("shape", [(3, 4), (300, 200)])
+def test_numbers_of_a_rank_are_those_of_the_sorted_array(kind, shape):
+    x = np.random.default_rng(5).standard_normal(shape)
+    x = {"noise": x, "rows": np.sort(x, axis=None).reshape(shape), "ties": np.round(x), "constant": 0 * x}[kind]
+    order = np.sort(x, axis=None)
+    for share in (0.0, 0.01, 0.5, 0.999, 1.0):
+        last = int(share * (x.size - 1))
+        first = max(last - 1, 0)
+        assert ranked(x, first, last) == (order[first], order[last])
 
 
 def test_kernels_are_those_of_a_solve(monkeypatch):

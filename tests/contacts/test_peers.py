@@ -68,6 +68,18 @@ def test_pressure_is_limited_by_the_hardness_and_carries_the_load():
         solver.solve(surface, "4 GPa")
 
 
+@pytest.mark.parametrize("hardness", ["0.6006 GPa", "0.66 GPa", "3 GPa"])
+def test_tamaas_finds_the_same_contact_with_a_hardness(hardness):
+    """From where hardly a pixel is free, on."""
+    pytest.importorskip("tamaas")
+    surface = ca.surface("self-affine", pixels=64, pixel_size=0.5, rms_slope=0.4, hurst=0.8, zeta=16, eta=3).make(1)
+    ours, theirs = (
+        ca.contact(kind, modulus=35.3, hardness=hardness, tolerance=1e-9).solve(surface, "0.6 GPa")
+        for kind in ("fft-bem", "tamaas")
+    )
+    assert np.linalg.norm(theirs.pressure - ours.pressure) < 1e-5 * np.linalg.norm(ours.pressure)
+
+
 def test_what_tamaas_cannot_do_is_refused_with_the_remedy():
     pytest.importorskip("tamaas")
     tip = rough_surface(periodic=False)
