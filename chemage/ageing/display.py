@@ -40,7 +40,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: what the errors of replicas are
-ON_ONE_SURFACE = "95 % intervals over replicas on one surface (Student's t); they do not include the scatter between surfaces"
+ON_ONE_SURFACE = (
+    "95 % intervals over replicas on one surface (Student's t), of a contact by its own errors; they do not include "
+    "the scatter between surfaces"
+)
 #: least distance, in decades, of the hold times between which a local slope is taken
 SLOPE_SPAN = 0.5
 

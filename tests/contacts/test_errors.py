@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from seen import result_of
 
 import chemage as ca
 from chemage import InputError
@@ -161,3 +162,10 @@ def test_who_has_started_in_contact_is_not_told_to(start):
     with pytest.raises(InputError, match="pull-off") as caught:
         bem(start=start, work_of_adhesion=0.05, range=0.2).solve(surface, -0.99 * 2 * math.pi * 0.05 * 10)
     assert ("start = 'contact'" in str(caught.value).partition("give")[2]) == (start == "apart")
+
+
+def test_the_page_of_a_run_does_not_call_the_intervals_of_its_contact_those_of_replicas():
+    rows = dict(result_of(ca.run(ca.load_scene("silica-tip", {"hold.replicas": 2}))).rows())
+    assert "±" in rows["contact area A"]
+    assert {"error of A: iteration", "error of A: pixel"} <= rows.keys()
+    assert "of a contact by its own errors" in rows["every ± is"]
