@@ -27,6 +27,11 @@ HOW = {
     "pixel": "calibrated on other contacts",
     "branch": "the contact from the other side",
 }
+#: of a load that was sought
+HOW_SOUGHT = {
+    "search": "the mean contact pressure that was reached",
+    "area": "the error of the contact area",
+}
 #: the same of a closed form
 HOW_EXACT = {
     "iteration": "a closed form",
@@ -61,10 +66,11 @@ def errors(contact: ContactSolution) -> dict[str, dict[str, Ends]]:
     stated: Mapping[str, Mapping[str, Any]] = contact.convergence.get("errors", {})
     for name, parts in stated.items():
         for part, size in parts.items():
-            size = math.nan if size is None else float(size)
-            found[name][part] = (abs(size), abs(size))
+            ends = size if isinstance(size, list) else [size] * 2
+            down, up = (math.nan if end is None else float(end) for end in ends)
             if part == "branch":
-                found[name][part] = (abs(min(size, 0.0)), max(size, 0.0))
+                down, up = min(down, 0.0), max(up, 0.0)
+            found.setdefault(name, {})[part] = abs(down), abs(up)
     return found
 
 
@@ -138,7 +144,7 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
     """``quantity`` of ``contact`` with its errors, and with the interval that they make together."""
     name, value, area = quantity.name, quantity.value, contact.area
     found = contact.errors
-    how = HOW_EXACT if contact.contact_pixels == "centres" else HOW
+    how = HOW_SOUGHT | (HOW_EXACT if contact.contact_pixels == "centres" else HOW)
     parts = found.get(name) or (found.get("area") if name in OF_AREA else None)
     if not parts or not quantity.known or not value:
         return quantity
@@ -156,8 +162,8 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
         return quantity.within(
             low, high, (high - low) / 2 / NORMAL_LIMIT, stated="half_width"
         )
-    low = max(value - below, contact.least_area) if name == "area" else value - below
-    high = value + above
+    least = {"area": contact.least_area, "load": 0.0}.get(name, -math.inf)
+    low, high = max(value - below, least), value + above
     return quantity.within(
         low,
         high,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import (
@@ -58,11 +58,13 @@ ANSWERS = OwnContactMethod
 PIXEL_SECONDS = 2e-8
 #: sites below which a scene gives no number
 NO_SITE = 1.0
+#: the expected mean contact pressure, over the one asked for, that is warned of
+WELL_ABOVE = 1.1
 #: the load in a section of a scene
 _LOAD = {
     "anyOf": [{"type": "number"}, {"type": "string"}],
-    "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface; below "
-    "zero only with adhesion",
+    "description": "normal force (nN), or a nominal pressure such as 10 MPa, on the nominal area of the surface, or a "
+    "mean contact pressure such as 3 GPa over contact, whose force is found; below zero only with adhesion",
     "unit": "nN",
 }
 
@@ -86,6 +88,7 @@ class _Contact(Stage):
     def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
         """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
         from chemage.contacts.options import nominal_pressure, normal_force
+        from chemage.contacts.search import sought_pressure
         from chemage.foundation.errors import InputError
 
         if value is None:
@@ -93,7 +96,7 @@ class _Contact(Stage):
                 'is required; give the normal force, such as load = "20 uN", or a nominal pressure'
             )
         solver, maker = parts.get(self.section), parts.get("surface")
-        if nominal_pressure(value) is None:
+        if nominal_pressure(value) is None and sought_pressure(value) is None:
             return normal_force(
                 value, None, flat=True, signed=solver is None or solver.adheres
             )
@@ -103,6 +106,11 @@ class _Contact(Stage):
             if solver is None or maker is None
             else solver.normal_force(value, maker.expected())
         )
+
+    def todict(self, parts: Parts, options_of: Callable[[Any], Any]) -> dict[str, Any]:
+        load = parts.get("contact.load")
+        written = {"contact.load": getattr(load, "written", load)}
+        return super().todict({**parts, **written}, options_of)
 
     def recorded(
         self, aging: Mapping[str, Any], contact: Mapping[str, Any]
@@ -129,7 +137,10 @@ class _Contact(Stage):
         return answer.load_fault(solver.declared_error or 0.0)
 
     def fault_of(self, made: Any, inputs: StageInputs) -> str:
+        from chemage.contacts.search import SoughtLoad
+
         solver, load = inputs.parts[self.section], inputs.parts["contact.load"]
+        load = made.load if isinstance(load, SoughtLoad) else load
         surface = inputs.made.get("surface")
         return (
             self.fault(made, {"solver": solver, "surface": surface, "load": load})
@@ -138,6 +149,8 @@ class _Contact(Stage):
         )
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
+        from chemage.contacts.search import CONTACTS, SoughtLoad
+
         surface, load = stated["surface"], parts["contact.load"]
         numbers = dict(parts[self.section].expected(surface, load))
         pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
@@ -148,6 +161,8 @@ class _Contact(Stage):
         if parts[self.section].gives_map:
             numbers["pixels"] = pixels
             if "cpu_seconds" in numbers:
+                if isinstance(load, SoughtLoad):
+                    numbers["cpu_seconds"] *= CONTACTS
                 numbers["cpu_seconds"] += (
                     surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
                 )
@@ -156,11 +171,14 @@ class _Contact(Stage):
     def rows(self, parts: Parts, stated: Stated) -> Mapping[str, str]:
         """Kind, load, nominal pressure where there is one, and contact modulus, in words."""
         from chemage.contacts.options import force_text, modulus_in
+        from chemage.contacts.search import CONTACTS, SoughtLoad
 
         solver = parts[self.section]
         load = parts["contact.load"]
         area = stated[self.section]["nominal_area"]
         text = f"{solver.kind} at {force_text(load)}"
+        if isinstance(load, SoughtLoad):
+            text = f"{solver.kind} at {load.written}, about {force_text(load)}, found in about {CONTACTS} contacts"
         if area > 0 and solver.is_nominally_flat(
             stated["surface"].get("periodic", 1.0) != 0
         ):
@@ -184,6 +202,7 @@ class _Contact(Stage):
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.contacts.options import beyond_elasticity, modulus_in
+        from chemage.contacts.search import SoughtLoad
 
         surface = stated["surface"]
         load = parts["contact.load"]
@@ -198,6 +217,12 @@ class _Contact(Stage):
             return
         slope = surface.get("rms_slope", math.nan)
         mean = numbers.get("mean_pressure", math.nan)
+        if isinstance(load, SoughtLoad) and mean > WELL_ABOVE * load.pressure:
+            yield Doubt(
+                "load",
+                f"{load.written} is less than most contacts of this surface have: even under a small load about {mean:.3g} "
+                "GPa are expected; give a larger pressure, a smaller modulus or rms slope, or a force",
+            )
         if beyond := beyond_elasticity(
             modulus_in(parts[self.section]) or math.nan, slope, mean
         ):

@@ -8,9 +8,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from chemage.contacts.options import beyond_elasticity, normal_force
+from chemage.contacts.search import OVER, SoughtLoad, sought_pressure
 from chemage.contacts.solution import Contact, ContactSolution
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import kept, recording
 from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.records import merged_changes
@@ -87,14 +89,20 @@ class ContactSolver(Component, ABC):
     ) -> float:
         """``load`` in nN: a force (nN, or a string with its unit), or a nominal pressure such as ``"10 MPa"``, which is
         multiplied by the nominal area of ``surface``: one that is made, its roughness, or what
-        :meth:`SurfaceMaker.expected` gives of it.
+        :meth:`SurfaceMaker.expected` gives of it. That of a mean contact pressure such as ``"3 GPa over contact"`` is a
+        :class:`SoughtLoad`, which :meth:`solve` finds.
 
         Raises
         ------
         InputError
             The load is negative and nothing adheres, not finite or of another dimension, or it is a pressure and the
-            surface has no nominal area: it is a tip, not periodic, or not known yet.
+            surface has no nominal area: it is a tip, not periodic, or not known yet. A mean contact pressure is not
+            below the hardness.
         """
+        if isinstance(load, SoughtLoad):
+            return load
+        if (pressure := sought_pressure(load)) is not None:
+            return self._sought(pressure, surface)
         area: float | None
         if isinstance(surface, Mapping):
             on_grid = {"nx", "ny", "pixel_size"} <= surface.keys()
@@ -109,6 +117,34 @@ class ContactSolver(Component, ABC):
         return normal_force(
             load, area, flat=self.is_nominally_flat(periodic), signed=self.adheres
         )
+
+    def _sought(
+        self, pressure: float, surface: Surface | Roughness | Mapping[str, float]
+    ) -> SoughtLoad:
+        """Where the search for the load of a mean contact ``pressure`` (GPa) begins."""
+        if not isinstance(surface, Mapping):
+            pixel = getattr(surface, "pixel_size", 1.0)
+            known = {"ny": 1.0, "pixel_size": pixel, "rms_slope": surface.rms_slope}
+            known["nx"] = surface.nominal_area / pixel**2
+            known["periodic"] = float(getattr(surface, "periodic", True))
+            radius = surface.provenance.get("radius")
+            surface = known | ({} if radius is None else {"radius": radius})
+        pixel = surface.get("pixel_size", 1.0)
+        nominal = surface.get("nx", 1.0) * surface.get("ny", 1.0) * pixel**2
+        most = self.expected(surface, nominal).get("max_pressure", math.inf)
+        if pressure >= most:
+            raise InputError.of(
+                "load",
+                f"{pressure:g} GPa {OVER}",
+                f"is not below the hardness of {most:g} GPa, at which all of the contact flows",
+                "give a smaller pressure, or a force",
+            )
+
+        def area(load: float) -> float:
+            fraction = self.expected(surface, load).get("area_fraction", 0.1)
+            return nominal * max(fraction, 1e-300)
+
+        return SoughtLoad.of(pressure, area, 0.1 * nominal, pixel**2)
 
     def warm_up(self, surface: Mapping[str, float], load: float) -> None:
         """Compile what :meth:`solve` will need for a surface of which :meth:`SurfaceMaker.expected` gives ``surface``,
@@ -139,8 +175,9 @@ class ContactSolver(Component, ABC):
         *,
         start: ContactSolution | None = None,
     ) -> ContactSolution:
-        """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit) or a nominal pressure
-        such as ``"10 MPa"``, see :meth:`normal_force`.
+        """The contact of ``surface`` under ``load``: a force (nN, or a string with its unit), a nominal pressure
+        such as ``"10 MPa"``, see :meth:`normal_force`, or the load at which the mean contact pressure is
+        ``"3 GPa over contact"``, see :meth:`SoughtLoad.found`.
 
         Raises
         ------
@@ -157,8 +194,13 @@ class ContactSolver(Component, ABC):
                 ContactSolution,
                 "give a solution of a neighbouring load",
             )
+        force = self.normal_force(load, surface)
+        if isinstance(force, SoughtLoad):
+            return force.found(
+                lambda each, near: self.solve(surface, each, start=near), start
+            )
         with recording() as recorded:
-            solution = self._solve(surface, self.normal_force(load, surface), start)
+            solution = self._solve(surface, force, start)
         return (
             solution.model_copy(update=kept(solution, recorded))
             if recorded
@@ -216,6 +258,10 @@ def solve_contact(
     )
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     force = solver.normal_force(load, surface)
+    if isinstance(force, SoughtLoad):
+        return force.found(
+            lambda each, near: solve_contact(solver, surface, each, start=near), start
+        )
     with logged(
         "contact",
         f"{solver.kind}, load {force:g} nN, {surface.shape[0]} x {surface.shape[1]} pixels",

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from chemage.contacts.role import ContactSolver
+from chemage.contacts.search import SoughtLoad
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.errors import InputError, PluginError
@@ -68,6 +69,9 @@ class ContactTheory(ContactSolver, ABC):
             "give a surface, the maker of one, or its Roughness",
         )
         force = self.normal_force(load, surface)
+        if isinstance(force, SoughtLoad):
+            known = surface
+            return force.found(lambda each, _: self.statistics(known, each))
         statistics = self._statistics(surface, force)
         error = self.relative_error(surface, force)
         if fault := statistics.load_fault(0.0):

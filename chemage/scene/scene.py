@@ -28,6 +28,7 @@ from chemage.ageing.observables import Observable
 from chemage.ageing.replicas import Common
 from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver
+from chemage.contacts.search import SoughtLoad
 from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
@@ -214,7 +215,7 @@ class Scene(Section):
     surface_seed: int = Field(default=0, ge=0)
     contact: SerializeAsAny[ContactSolver]
     load: float
-    """nN"""
+    """nN; a :class:`chemage.contacts.search.SoughtLoad` where a mean contact pressure is given"""
     chemistry: Chemistry | None = None
     engine: SerializeAsAny[Engine] | None = None
     ageing: SerializeAsAny[AgeingMethod] | None = None
@@ -237,6 +238,11 @@ class Scene(Section):
     """the values that are the material's; they are in the components as well, which decide the keys"""
     prefer: tuple[str, ...] = ()
     """names of the plugins that come first where several answer a stage, read a file or have a kind"""
+
+    @field_validator("load", mode="wrap")
+    @classmethod
+    def _keep_sought(cls, load: Any, handler: Callable[[Any], float]) -> float:
+        return load if isinstance(load, SoughtLoad) else handler(load)
 
     @field_validator("name")
     @classmethod
@@ -365,6 +371,20 @@ class Scene(Section):
         return bool(self.accuracy) or (
             wish is not None and (wish.surfaces != 1 or wish.budget is not None)
         )
+
+    def given_load(self, what: str) -> float:
+        """The load (nN), which ``what`` has to know before a contact is solved.
+
+        Raises
+        ------
+        InputError
+            The load is found for each contact.
+        """
+        if isinstance(self.load, SoughtLoad):
+            problem = f"is another load on each surface, and {what} needs one"
+            remedy = "give a force or a nominal pressure"
+            raise InputError.of("load", self.load.written, problem, remedy)
+        return self.load
 
     @property
     def is_random(self) -> bool:

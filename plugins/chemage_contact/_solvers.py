@@ -33,7 +33,7 @@ class HalfSpaceSolver(ContactSolver, ABC):
     and poisson"""
 
     elsewhere = {
-        "pressure": 'a nominal pressure is a load: load = "20 MPa"',
+        "pressure": 'it is a load: load = "20 MPa", or "3 GPa over contact"',
         "adhesion": "contact 'adhesive-bem', of spheres 'jkr', 'dmt' and 'maugis', have a work_of_adhesion",
         "work_of_adhesion": "contact 'adhesive-bem', of spheres 'jkr', 'dmt' and 'maugis', have one",
         "hardness": "contact 'fft-bem' and, of spheres, 'hertz' have one; none that adheres has",

@@ -291,7 +291,7 @@ class Forecaster:
         hold_times: Sequence[float] | np.ndarray | None,
     ) -> tuple[float, float, np.ndarray]:
         """Load (nN), temperature (K) and hold times above zero (s); what is None is as in the scene."""
-        newton = self.scene.load if load is None else force(load)
+        newton = self.scene.given_load("a forecast") if load is None else force(load)
         if not newton > 0:
             raise InputError.of(
                 "load", load, "must be above zero", "give a force such as 50 nN"

@@ -137,7 +137,8 @@ class Quantities:
             else np.zeros(0)
         )
         names = tuple(name for name in measures if name not in GIVEN)
-        return cls(times, scene.load, (scene.fit.start, scene.fit.stop), names)
+        load = scene.given_load("a mean over surfaces")
+        return cls(times, load, (scene.fit.start, scene.fit.stop), names)
 
     @property
     def fitted(self) -> np.ndarray:

@@ -23,6 +23,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
+from chemage.contacts.search import sought_pressure
 from chemage.contacts.theory import no_map
 from chemage.foundation.components import Component
 from chemage.foundation.container import read_json, sealed_json
@@ -257,12 +258,16 @@ def _wrong(path: str, values: Any) -> str:
         return f"no such section{nearest(root, names)}; the sections are {', '.join(names)}"
     if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
         return "no such field"
-    if (
-        path == "contact.load"
-        and len({nominal_pressure(load) is None for load in values}) > 1
-    ):
-        return "give all loads as forces, or all as nominal pressures"
+    if path == "contact.load" and len({_of_load(load) for load in values}) > 1:
+        return (
+            "give all loads as forces, or all as nominal pressures, or all over contact"
+        )
     return ""
+
+
+def _of_load(load: Any) -> tuple[bool, bool]:
+    """Whether it is a nominal pressure, and one over the contact."""
+    return nominal_pressure(load) is not None, sought_pressure(load) is not None
 
 
 # -- validation of all points -----------------------------------------------------------------------------------------

@@ -171,7 +171,7 @@ class Outdated:
             arguments = {
                 "solver": scene.solver,
                 "surface": surface,
-                "load": scene.load,
+                "load": solution.load,
                 "start": None,
             }
             if not took_part and would_change(
