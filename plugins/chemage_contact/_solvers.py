@@ -5,12 +5,22 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import ContactModulus, ContactSolver
+from chemage_contact.paths import (
+    Branch,
+    Loop,
+    Path,
+    PathState,
+    SphereState,
+    closed_loop,
+    loaded_loop,
+)
 
 #: notes of a contact without load
 NO_LOAD = ("no load: the bodies just touch and no pixel carries pressure",)
@@ -78,10 +88,96 @@ class HalfSpaceSolver(ContactSolver, ABC):
 
 
 class SphereSolver(HalfSpaceSolver, ABC):
-    """A closed form of a sphere, whose apex is the middle of the grid."""
+    """A closed form of a sphere, whose apex is the middle of the grid; here that of Hertz, whose pressure a pull-off
+    force adds to the load."""
 
     #: the contact of this package that takes any surface
     general: ClassVar[str]
+    #: CPU seconds, those of each pixel, and its peak memory in bytes
+    costs: ClassVar[tuple[float, float, float]]
+
+    def pull_off(self, radius: float) -> float:
+        """The largest pull (nN) that a sphere of ``radius`` nm bears."""
+        return 0.0
+
+    def at_load(self, radius: float, load: float) -> SphereState:
+        """The stable contact under ``load`` nN, which is at least that of pull-off."""
+        edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
+        return SphereState(load, edge, edge, edge**2 / radius)
+
+    def _ends(self, radius: float) -> tuple[float, float]:
+        """The approaches (nm) at which contact is lost, and at which surfaces apart come into it."""
+        return 0.0, 0.0
+
+    def _at(self, radius: float, displacement: float) -> SphereState:
+        """The stable contact at an approach, which is at least that at which contact is lost."""
+        edge = math.sqrt(displacement * radius)
+        load = 4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius)
+        return SphereState(load, edge, edge, displacement)
+
+    def branches(self, radius: float) -> tuple[Branch, ...]:
+        """The equilibria at each approach, from apart to contact."""
+        last, first = self._ends(radius)
+        least = self.at_load(radius, -self.pull_off(radius)).displacement
+        return (
+            Branch(-math.inf, first),
+            Branch(min(last, first), math.inf, partial(self._at, radius), least, True),
+        )
+
+    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
+        """Load and contact area along a path of approaches or of loads, from surfaces apart, and exactly what it costs.
+        See :class:`chemage_contact.paths.Path`."""
+        radius, path = self.radius(surface.provenance), Path.of(path)
+        branches, pull = self.branches(radius), self.pull_off(radius)
+        if path.target is not None:
+            last = self.at_load(radius, path.target).displacement
+            first = min(branches[0].high, *(branch.low for branch in branches[1:]))
+            path = path.there_and_back(first - 0.1 * abs(last - first), last)
+        if path.control == "load":
+            states, touching = [], False
+            for load in path.values:
+                # apart after a larger pull than pull-off, until a load presses
+                touching = load >= -pull if touching else load >= 0
+                apart = SphereState(0.0, 0.0, 0.0, -math.inf)
+                states.append(self.at_load(radius, load) if touching else apart)
+            lost = self.at_load(radius, -pull).displacement
+            found = loaded_loop(
+                [state.edge > 0 for state in states], path.values, pull, lost
+            )
+        else:
+            places, found = closed_loop(branches, path.values)
+            states = [
+                branch.state(at) for branch, at in zip(places, path.values, strict=True)
+            ]
+        for state in states:
+            self.require_room(
+                state.outer, surface.shape, surface.pixel_size, state.load
+            )
+        return Loop.of(
+            [
+                PathState(state.displacement, state.load, math.pi * state.edge**2)
+                for state in states
+            ],
+            range(len(states)),
+            **found,
+        )
+
+    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+        """Cost, and the area fraction πa²/A0, where the radius is known."""
+        if not surface.keys() >= {*GRID, "radius"}:
+            return {}
+        pixels, radius = surface["nx"] * surface["ny"], surface["radius"]
+        begin, each, memory = self.costs
+        found = {"cpu_seconds": begin + each * pixels, "bytes": memory * pixels}
+        if load >= -self.pull_off(radius):
+            area = math.pi * self._edge(radius, load) ** 2
+            fraction = area / pixels / surface["pixel_size"] ** 2
+            found["area_fraction"] = min(fraction, 1.0)
+        return found
+
+    def _edge(self, radius: float, load: float) -> float:
+        """Expected radius of the contact, nm."""
+        return self.at_load(radius, load).edge
 
     def is_nominally_flat(self, periodic: bool) -> bool:
         """A sphere is not."""
@@ -138,11 +234,11 @@ class SphereSolver(HalfSpaceSolver, ABC):
         shape: tuple[int, int],
         size: float,
         load: float,
-        what: str = "the contact has",
     ) -> None:
         """Refuse a contact of radius ``edge`` (nm) on a surface that reaches less far from the apex."""
         room = 0.5 * min(shape) * size
         if edge > room:
+            what = "contact and attraction have" if self.adheres else "the contact has"
             raise InputError.of(
                 "load",
                 load,

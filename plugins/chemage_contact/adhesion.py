@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar
 
@@ -14,16 +13,9 @@ from pydantic import Field
 
 from chemage import ContactSolution, InputError, Surface
 from chemage.plugin import Length, Unit, convert
-from chemage_contact._solvers import GRID, SphereSolver, tabor
-from chemage_contact.closed_forms import _corner_force, _pixels
-from chemage_contact.paths import (
-    Branch,
-    Loop,
-    Path,
-    PathState,
-    closed_loop,
-    loaded_loop,
-)
+from chemage_contact._solvers import GRID, SphereSolver, SphereState, tabor
+from chemage_contact.closed_forms import _corner_force, _corner_punch, _pixels
+from chemage_contact.paths import Branch
 
 #: work of adhesion: 1 J/m² is 1 nN/nm
 Adhesion = Annotated[Any, Unit("J/m**2", gt=0)]
@@ -68,17 +60,6 @@ _MAUGIS = """@article{maugis1992,
 }"""
 
 
-@dataclass(frozen=True)
-class AdhesiveState:
-    """A sphere in contact: force (nN), radius of the contact and of the zone around it in which there is attraction,
-    and approach since first touch (nm)."""
-
-    load: float
-    edge: float
-    outer: float
-    displacement: float
-
-
 class AdhesiveSphere(SphereSolver, ABC):
     """A sphere of radius R on an elastic half-space, with adhesion.
 
@@ -94,29 +75,14 @@ class AdhesiveSphere(SphereSolver, ABC):
     #: Tabor's parameters between which the law holds
     tabor: ClassVar[tuple[float, float]] = (0.0, math.inf)
     general = "adhesive-bem"
+    costs = 0.02, 5e-6, 120.0
 
     work_of_adhesion: Adhesion = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
 
-    @abstractmethod
-    def pull_off(self, radius: float) -> float:
-        """The largest pull (nN, > 0) that a sphere of ``radius`` nm bears."""
-
-    @abstractmethod
-    def at_load(self, radius: float, load: float) -> AdhesiveState:
-        """The stable contact under ``load`` nN, which is at least that of pull-off."""
-
-    @abstractmethod
-    def _ends(self, radius: float) -> tuple[float, float]:
-        """The approaches (nm) at which contact is lost, and at which surfaces apart come into it."""
-
-    @abstractmethod
-    def _at(self, radius: float, displacement: float) -> AdhesiveState:
-        """The stable contact at an approach, which is at least that at which contact is lost."""
-
     def at_approach(
         self, radius: float, displacement: float, *, touching: bool = True
-    ) -> AdhesiveState | None:
+    ) -> SphereState | None:
         """The contact at an approach of ``displacement`` nm since first touch, as it is where the surfaces were
         ``touching`` before, or were not; None: they do not touch."""
         last, first = self._ends(radius)
@@ -125,11 +91,11 @@ class AdhesiveSphere(SphereSolver, ABC):
 
     @abstractmethod
     def _forces(
-        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
     ) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
 
-    def _tension(self, state: AdhesiveState) -> float:
+    def _tension(self, state: SphereState) -> float:
         """What attraction takes off the pressure of Hertz in the middle, GPa."""
         return 0.0
 
@@ -168,21 +134,9 @@ class AdhesiveSphere(SphereSolver, ABC):
         return (beyond,)
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
-        """Area fraction where the radius is known."""
-        if not surface.keys() >= {*GRID, "radius"}:
-            return {}
-        pixels = surface["nx"] * surface["ny"]
-        cost = {"cpu_seconds": 0.02 + 5e-6 * pixels, "bytes": 120.0 * pixels}
-        cost["tabor"] = self._tabor(surface["radius"])
-        if load < -self.pull_off(surface["radius"]):
-            return cost
-        edge = self.at_load(surface["radius"], load).edge
-        return {
-            "area_fraction": min(
-                math.pi * edge**2 / pixels / surface["pixel_size"] ** 2, 1.0
-            ),
-            **cost,
-        }
+        """See :meth:`SphereSolver.expected`; with Tabor's parameter."""
+        found = super().expected(surface, load)
+        return found and found | {"tabor": self._tabor(surface["radius"])}
 
     def check(self, surface: Mapping[str, float], load: float) -> tuple[str, ...]:
         """See :meth:`chemage.plugin.ContactSolver.check`."""
@@ -191,7 +145,7 @@ class AdhesiveSphere(SphereSolver, ABC):
 
     def pressed(
         self, shape: tuple[int, int], size: float, radius: float, load: float
-    ) -> AdhesiveState:
+    ) -> SphereState:
         """See :meth:`SphereSolver.pressed`."""
         pull = self.pull_off(radius)
         # the last bits are those of the conversion of units
@@ -204,7 +158,7 @@ class AdhesiveSphere(SphereSolver, ABC):
                 f"give a load of at least {-pull:.6g} nN",
             )
         state = self.at_load(radius, max(load, -pull))
-        self.require_room(state.outer, shape, size, load, "contact and attraction have")
+        self.require_room(state.outer, shape, size, load)
         if not state.edge > 1e-60 * size:
             raise InputError.of(
                 "load",
@@ -236,79 +190,8 @@ class AdhesiveSphere(SphereSolver, ABC):
         self.pressed(surface.shape, surface.pixel_size, radius, max(state.load, 0.0))
         return self._solution(surface, radius, state, state.load)
 
-    def branches(self, radius: float) -> tuple[Branch, ...]:
-        """The equilibria at each approach, from apart to contact."""
-        last, first = self._ends(radius)
-        least = self.at_load(radius, -self.pull_off(radius)).displacement
-        return (
-            Branch(False, None, -math.inf, first),
-            Branch(
-                True,
-                lambda at: self._at(radius, at).load,
-                min(last, first),
-                math.inf,
-                least,
-            ),
-        )
-
-    def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
-        """Load and contact area along a path of approaches or of loads, from surfaces apart, and exactly what it costs.
-        See :class:`chemage_contact.paths.Path`."""
-        radius, path = self.radius(surface.provenance), Path.of(path)
-        branches, pull = self.branches(radius), self.pull_off(radius)
-        if path.target is not None:
-            last = self.at_load(radius, path.target).displacement
-            first = min(branch.low for branch in branches[1:])
-            path = path.there_and_back(
-                min(first, branches[0].high) - 0.1 * abs(last - first), last
-            )
-        if path.control == "load":
-            states = self._under(radius, path.values, pull)
-            lost = self.at_load(radius, -pull).displacement
-            found = loaded_loop(
-                [state.edge > 0 for state in states], path.values, pull, lost
-            )
-        else:
-            places, found = closed_loop(branches, path.values)
-            states = []
-            for at, place in zip(path.values, places, strict=True):
-                branch = branches[place]
-                load = branch.load(at) if branch.load else 0.0
-                state = self.at_approach(radius, at) if branch.touching else None
-                states.append(state or AdhesiveState(load, 0.0, 0.0, at))
-        for state in states:
-            self.require_room(
-                state.outer,
-                surface.shape,
-                surface.pixel_size,
-                state.load,
-                "contact and attraction have",
-            )
-        return Loop.of(
-            [
-                PathState(state.displacement, state.load, math.pi * state.edge**2)
-                for state in states
-            ],
-            range(len(states)),
-            **found,
-        )
-
-    def _under(
-        self, radius: float, loads: Sequence[float], pull: float
-    ) -> list[AdhesiveState]:
-        """The contacts under each load; apart after a larger pull than pull-off, until a load presses."""
-        states, touching = [], False
-        for load in loads:
-            touching = load >= -pull if touching else load >= 0
-            states.append(
-                self.at_load(radius, load)
-                if touching
-                else AdhesiveState(0.0, 0.0, 0.0, -math.inf)
-            )
-        return states
-
     def _solution(
-        self, surface: Surface, radius: float, state: AdhesiveState, load: float
+        self, surface: Surface, radius: float, state: SphereState, load: float
     ) -> ContactSolution:
         from scipy import ndimage
 
@@ -383,8 +266,8 @@ class JKR(AdhesiveSphere):
         """(3/2)πwR."""
         return 1.5 * math.pi * self.work_of_adhesion * radius
 
-    def at_load(self, radius: float, load: float) -> AdhesiveState:
-        """See :meth:`AdhesiveSphere.at_load`."""
+    def at_load(self, radius: float, load: float) -> SphereState:
+        """See :meth:`SphereSolver.at_load`."""
         pull = self.pull_off(radius)
         cubed = (
             0.75
@@ -396,12 +279,12 @@ class JKR(AdhesiveSphere):
 
     def _state(
         self, radius: float, edge: float, load: float | None = None
-    ) -> AdhesiveState:
+    ) -> SphereState:
         w, modulus = self.work_of_adhesion, self.modulus
         force = 4 * modulus * edge**3 / (3 * radius) - math.sqrt(
             8 * math.pi * w * modulus * edge**3
         )
-        return AdhesiveState(
+        return SphereState(
             force if load is None else load,
             edge,
             edge,
@@ -416,19 +299,19 @@ class JKR(AdhesiveSphere):
         """a₁, with which a = x² a₁ and x⁴ − x = δR/a₁² on the stable branch beyond its lowest point."""
         return math.cbrt(2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus)
 
-    def _at(self, radius: float, displacement: float) -> AdhesiveState:
+    def _at(self, radius: float, displacement: float) -> SphereState:
         scale = self._scale(radius)
         roots = np.roots([1.0, 0.0, 0.0, -1.0, -displacement * radius / scale**2])
         root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
         return self._state(radius, max(root, _LOWEST) ** 2 * scale)
 
-    def _tension(self, state: AdhesiveState) -> float:
+    def _tension(self, state: SphereState) -> float:
         return math.sqrt(
             2 * self.work_of_adhesion * self.modulus / (math.pi * state.edge)
         )
 
     def _forces(
-        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
     ) -> np.ndarray:
         edge = state.edge
         punch = (
@@ -460,25 +343,8 @@ class DMT(AdhesiveSphere):
         """2πwR."""
         return 2 * math.pi * self.work_of_adhesion * radius
 
-    def at_load(self, radius: float, load: float) -> AdhesiveState:
-        """See :meth:`AdhesiveSphere.at_load`."""
-        edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
-        return AdhesiveState(load, edge, edge, edge**2 / radius)
-
-    def _ends(self, radius: float) -> tuple[float, float]:
-        return 0.0, 0.0
-
-    def _at(self, radius: float, displacement: float) -> AdhesiveState:
-        edge = math.sqrt(displacement * radius)
-        return AdhesiveState(
-            4 * self.modulus * edge**3 / (3 * radius) - self.pull_off(radius),
-            edge,
-            edge,
-            displacement,
-        )
-
     def _forces(
-        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
     ) -> np.ndarray:
         return np.maximum(self._pushes(radius, state.edge, x, y), 0.0)
 
@@ -518,18 +384,18 @@ class Maugis(AdhesiveSphere):
         force, _, _, strength = self.units(radius)
         return -force * _load(_lowest(_load, strength), strength)
 
-    def at_load(self, radius: float, load: float) -> AdhesiveState:
-        """See :meth:`AdhesiveSphere.at_load`."""
+    def at_load(self, radius: float, load: float) -> SphereState:
+        """See :meth:`SphereSolver.at_load`."""
         force, _, _, strength = self.units(radius)
         return self._state(
             radius, _solved(_load, strength, load / force, _lowest(_load, strength))
         )
 
-    def _state(self, radius: float, angle: float) -> AdhesiveState:
+    def _state(self, radius: float, angle: float) -> SphereState:
         force, unit, depth, strength = self.units(radius)
         outer = _outer(angle, strength)
         displacement = _approach(angle, strength) * depth
-        return AdhesiveState(
+        return SphereState(
             force * _load(angle, strength),
             unit * outer * math.cos(angle),
             unit * outer,
@@ -544,7 +410,7 @@ class Maugis(AdhesiveSphere):
         closed, bulge, strain = self._bulge(radius)
         return last, -self.range if closed < 2 * bulge else -2 * strain * closed
 
-    def _at(self, radius: float, displacement: float) -> AdhesiveState:
+    def _at(self, radius: float, displacement: float) -> SphereState:
         _, _, depth, strength = self.units(radius)
         last = _lowest(_approach, strength)
         return self._state(
@@ -564,31 +430,32 @@ class Maugis(AdhesiveSphere):
         return closed, 4 * strain * radius / math.pi, strain
 
     def branches(self, radius: float) -> tuple[Branch, ...]:
-        """See :meth:`AdhesiveSphere.branches`; between apart and contact the surfaces attract each other."""
+        """See :meth:`SphereSolver.branches`; between apart and contact the surfaces attract each other."""
         apart, contact = super().branches(radius)
         closed, bulge, strain = self._bulge(radius)
         apart = apart._replace(high=-self.range)
         if closed <= bulge:
             return apart, contact
 
-        def load(at: float) -> float:
+        def attracted(at: float) -> SphereState:
             squared = bulge**2 + 2 * radius * (self.range + at)
             outer = bulge + math.sqrt(max(squared, 0.0))
-            return -math.pi * outer**2 * self.work_of_adhesion / self.range
+            load = -math.pi * outer**2 * self.work_of_adhesion / self.range
+            return SphereState(load, 0.0, 0.0, at)
 
         low, high = -self.range - 0.5 * bulge**2 / radius, -2 * strain * closed
         return (
             apart,
-            Branch(False, load, low, high),
+            Branch(low, high, attracted),
             contact._replace(low=min(contact.low, high)),
         )
 
-    def _tension(self, state: AdhesiveState) -> float:
+    def _tension(self, state: SphereState) -> float:
         stress = self.work_of_adhesion / self.range
         return 2 / math.pi * stress * math.acos(min(state.edge / state.outer, 1.0))
 
     def _forces(
-        self, radius: float, state: AdhesiveState, x: np.ndarray, y: np.ndarray
+        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
     ) -> np.ndarray:
         edge, outer = state.edge, state.outer
         forces = self._pushes(radius, edge, x, y)
@@ -680,16 +547,3 @@ def _solved(
         rtol=1e-14,
     )
     return float(found.root)
-
-
-def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """∫₀ˣ∫₀ʸ 1/√(1 − s² − t²) over the part of the rectangle inside the unit circle, for x, y ≥ 0; broadcast.
-
-    Inside the circle: x atan(y/w) + y atan(x/w) − atan(x y/w), w the root; beyond, as for the pressure of Hertz.
-    """
-    x, y = np.broadcast_arrays(np.minimum(x, 1.0), np.minimum(y, 1.0))
-    w2 = 1.0 - x * x - y * y
-    w = np.sqrt(np.maximum(w2, 0.0))
-    c = np.where(w2 > 0, x, np.sqrt(np.maximum(1.0 - y * y, 0.0)))
-    inner = c * np.arctan2(y, w) + y * np.arctan2(c, w) - np.arctan2(c * y, w)
-    return inner + 0.5 * math.pi * (x - c)

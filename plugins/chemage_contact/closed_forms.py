@@ -4,7 +4,7 @@ the area and the distribution of the pressure from the rms slope alone."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from chemage.plugin import (
 )
 from chemage_contact._solvers import GRID, NO_LOAD, SphereSolver
 from chemage_contact._yielding_sphere import YieldingSphere, yielding_sphere
-from chemage_contact.paths import Branch, Loop, Path, PathState, closed_loop
+from chemage_contact.paths import Loop, Path
 
 _HERTZ = """@article{hertz1881,
   author = {Hertz, H.},
@@ -63,6 +63,7 @@ class Hertz(SphereSolver):
     )
     bibtex = (_HERTZ, _JOHNSON)
     general = "fft-bem"
+    costs = 0.005, 3e-7, 46.0
     later = ("gap", "hardness")
 
     hardness: Pressure | None = None
@@ -76,27 +77,19 @@ class Hertz(SphereSolver):
         return 0.01 if self.hardness is None else 0.05
 
     def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
-        """Area fraction πa²/A0 where the radius is known, and memory of the gap."""
-        if not surface.keys() >= {*GRID, "radius"}:
-            return {}
+        """See :meth:`SphereSolver.expected`; with the memory of further maps."""
+        found = super().expected(surface, load)
         maps = self.gap + (self.hardness is not None)
-        gap = {"gap_bytes": 8.0 * maps * surface["nx"] * surface["ny"]} if maps else {}
-        edge = math.cbrt(0.75 * load * surface["radius"] / self.modulus)
-        if self.hardness is not None:
-            edge = max(edge, math.sqrt(load / self.hardness / math.pi))
-        nominal = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
-        pixels = surface["nx"] * surface["ny"]
-        cost = {
-            "cpu_seconds": 0.005 + 3e-7 * pixels,
-            "bytes": 46.0 * pixels + gap.get("gap_bytes", 0.0),
-        }
-        most = {} if self.hardness is None else {"max_pressure": self.hardness}
-        return {
-            "area_fraction": min(math.pi * edge**2 / nominal, 1.0),
-            **cost,
-            **gap,
-            **most,
-        }
+        if found and maps:
+            found["gap_bytes"] = 8.0 * maps * surface["nx"] * surface["ny"]
+            found["bytes"] += found["gap_bytes"]
+        if found and self.hardness is not None:
+            found["max_pressure"] = self.hardness
+        return found
+
+    def _edge(self, radius: float, load: float) -> float:
+        least = load / self.hardness if self.hardness is not None else 0.0
+        return max(super()._edge(radius, load), math.sqrt(least / math.pi))
 
     def pressed(
         self, shape: tuple[int, int], size: float, radius: float, load: float
@@ -179,21 +172,15 @@ class Hertz(SphereSolver):
         )
 
     def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
-        """Load and contact area along a path of approaches or of loads. See :class:`chemage_contact.paths.Path`."""
+        """See :meth:`SphereSolver.loop`; under loads the approaches follow from them."""
         radius, path = self.radius(surface.provenance), Path.of(path)
-        stiffness = 4 / 3 * self.modulus * math.sqrt(radius)
-
-        def load(at: float) -> float:
-            return stiffness * max(at, 0.0) ** 1.5
-
-        def approach(load: float) -> float:
-            return (self.normal_force(load, surface) / stiffness) ** (2 / 3)
-
-        if path.target is not None:
-            path = path.there_and_back(0.0, approach(path.target))
-        elif path.control == "load":
-            path = Path(tuple(map(approach, path.values)))
-        deepest = load(max(path.values))
+        if path.control == "load":
+            loads = [self.normal_force(load, surface) for load in path.values]
+            path = Path(
+                tuple(self.at_load(radius, load).displacement for load in loads)
+            )
+        loop = super().loop(surface, path)
+        deepest = float(loop.load.max())
         if self.pressed(surface.shape, surface.pixel_size, radius, deepest)[1]:
             raise InputError.of(
                 "hardness",
@@ -201,17 +188,7 @@ class Hertz(SphereSolver):
                 "is reached on this path, and a sphere that has flowed is none",
                 "use contact 'fft-bem'",
             )
-        branches = (
-            Branch(False, None, -math.inf, 0.0),
-            Branch(True, load, 0.0, math.inf),
-        )
-        states = [
-            PathState(at, load(at), math.pi * radius * max(at, 0.0))
-            for at in path.values
-        ]
-        return Loop.of(
-            states, range(len(states)), **closed_loop(branches, path.values)[1]
-        )
+        return loop
 
     def _open_gap(self, surface: Surface, edge: float, radius: float) -> np.ndarray:
         """Gap at the centres of pixels, nm: (a²/πR) [√(ρ² − 1) + (ρ² − 2) acos(1/ρ)] at ρ = r/a > 1 (Johnson, eq.
@@ -282,35 +259,46 @@ class Hertz(SphereSolver):
         return pressure
 
 
-def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """∫₀ˣ∫₀ʸ sqrt(1 − s² − t²) over the part of the rectangle inside the unit circle, for x, y ≥ 0; broadcast.
+def _corner(
+    x: np.ndarray,
+    y: np.ndarray,
+    inner: Callable[..., np.ndarray],
+    half_strip: float,
+    cubed: float,
+) -> np.ndarray:
+    """∫₀ˣ∫₀ʸ of a function over the part of the rectangle inside the unit circle, for x, y ≥ 0; broadcast.
 
-    Inside the circle: (1/3) x y w + ½ (x − x³/3) atan(y/w) + ½ (y − y³/3) atan(x/w) − (1/3) atan(x y/w), w the root.
-    Outside, the corner is moved onto the circle along y and the rest of the strip, which is a full half-ellipse,
-    is added.
+    Inside the circle it is ``inner(x, y, w)`` with the root w = √(1 − x² − y²). Outside, the corner is moved onto the
+    circle along y; the strip that is left, up to the circle, adds ``half_strip`` (x − ``cubed`` x³).
     """
-    x = np.minimum(x, 1.0)
-    y = np.minimum(y, 1.0)
-    x, y = np.broadcast_arrays(x, y)
+    x, y = np.broadcast_arrays(np.minimum(x, 1.0), np.minimum(y, 1.0))
     w2 = 1.0 - x * x - y * y
-    inside = w2 > 0.0
+    c = np.where(w2 > 0, x, np.sqrt(np.maximum(1.0 - y * y, 0.0)))
+    strip = half_strip * ((x - cubed * x**3) - (c - cubed * c**3))
+    return inner(c, y, np.sqrt(np.maximum(w2, 0.0))) + strip
 
-    def smooth(a: np.ndarray, b: np.ndarray, w: np.ndarray) -> np.ndarray:
+
+def _corner_force(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Of √(1 − s² − t²): (1/3) x y w + ½ (x − x³/3) atan(y/w) + ½ (y − y³/3) atan(x/w) − (1/3) atan(x y/w)."""
+
+    def inner(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
         return (
-            a * b * w / 3.0
-            + 0.5 * (a - a**3 / 3.0) * np.arctan2(b, w)
-            + 0.5 * (b - b**3 / 3.0) * np.arctan2(a, w)
-            - np.arctan2(a * b, w) / 3.0
+            x * y * w / 3.0
+            + 0.5 * (x - x**3 / 3.0) * np.arctan2(y, w)
+            + 0.5 * (y - y**3 / 3.0) * np.arctan2(x, w)
+            - np.arctan2(x * y, w) / 3.0
         )
 
-    w = np.sqrt(np.where(inside, w2, 0.0))
-    full = smooth(np.where(inside, x, 0.0), np.where(inside, y, 0.0), w)
-    # Strips s in (c, x) where t runs to the circle: ∫ π/4 (1 − s²) ds; up to c = sqrt(1 − y²) the rectangle is inside.
-    c = np.sqrt(np.maximum(1.0 - y * y, 0.0))
-    beyond = smooth(c, y, np.zeros_like(c)) + 0.25 * math.pi * (
-        (x - x**3 / 3.0) - (c - c**3 / 3.0)
-    )
-    return np.where(inside, full, beyond)
+    return _corner(x, y, inner, 0.25 * math.pi, 1 / 3)
+
+
+def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Of 1/√(1 − s² − t²): x atan(y/w) + y atan(x/w) − atan(x y/w)."""
+
+    def inner(x: np.ndarray, y: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return x * np.arctan2(y, w) + y * np.arctan2(x, w) - np.arctan2(x * y, w)
+
+    return _corner(x, y, inner, 0.5 * math.pi, 0.0)
 
 
 def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:

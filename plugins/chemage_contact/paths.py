@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,19 +26,22 @@ ELASTIC, FLOOR = 0.01, 0.1
 #: half the width of an interval that is certain, in standard errors
 CERTAIN = math.sqrt(3.0)
 
-_PULL_OFF = Quantity("pull_off", "nN", "pull-off force", meaning="largest pull")
-_JUMP_IN = Quantity("jump_in", "nm", "approach at which contact begins")
-_JUMP_OUT = Quantity("jump_out", "nm", "approach at which contact ends")
-_JUMP = Quantity("jump", "nm", "approach at a jump")
-_SEPARATION = Quantity(
-    "work_of_separation",
-    "nN nm",
-    "work of separation",
-    meaning="work of the last separation, from no load to the end of the path",
-)
-_DISSIPATED = Quantity(
-    "dissipated", "nN nm", "dissipated energy", meaning="work on a closed path"
-)
+_QUANTITIES = {
+    name: Quantity(name, unit, label, meaning=meaning)
+    for name, unit, label, meaning in (
+        ("pull_off", "nN", "pull-off force", "largest pull"),
+        ("jump_in", "nm", "approach at which contact begins", ""),
+        ("jump_out", "nm", "approach at which contact ends", ""),
+        ("jump", "nm", "approach at a jump", ""),
+        (
+            "work_of_separation",
+            "nN nm",
+            "work of separation",
+            "work of the last separation, from no load to the end of the path",
+        ),
+        ("dissipated", "nN nm", "dissipated energy", "work on a closed path"),
+    )
+}
 _OPEN = "not known: the path does not end in the state in which it began"
 _FALLS = (
     "not known: under a given load the surfaces fall together or apart; give approaches"
@@ -150,24 +153,20 @@ class Loop:
 
     def quantities(self) -> list[Quantity]:
         """All but the single jumps."""
-        return [
-            self.pull_off,
-            self.jump_in,
-            self.jump_out,
-            self.work_of_separation,
-            self.dissipated,
-        ]
+        return [getattr(self, name) for name in _QUANTITIES if name != "jump"]
 
     def __str__(self) -> str:
         return "\n".join(": ".join(one.row()) for one in self.quantities())
 
 
-def stated(quantity: Quantity, value: float, **errors: tuple[float, str]) -> Quantity:
+def stated(name: str, value: float, **errors: tuple[float, str]) -> Quantity:
     """With ``value`` and the parts of its error: cause -> (standard error, how it is known)."""
     parts = {cause: ErrorPart(*part) for cause, part in errors.items()}
-    total = math.sqrt(sum(part.size**2 for part in parts.values()))
-    return quantity.but(value=value, errors=parts).between(
-        statistics.NORMAL_LIMIT * total, total
+    total = math.hypot(*(part.size for part in parts.values()))
+    return (
+        _QUANTITIES[name]
+        .but(value=value, errors=parts)
+        .between(statistics.NORMAL_LIMIT * total, total)
     )
 
 
@@ -176,7 +175,7 @@ def more_errors(quantity: Quantity, **errors: tuple[float, str]) -> Quantity:
     if not quantity.known:
         return quantity
     parts: dict[str, Any] = {**quantity.errors, **errors}
-    found = stated(quantity, quantity.value, **parts)
+    found = stated(quantity.name, quantity.value, **parts).but(reason=quantity.reason)
     return found if math.isfinite(found.half_width) else found.but(stated="")
 
 
@@ -209,36 +208,200 @@ def coarser(surface: Surface) -> Iterator[tuple[int, Surface]]:
         )
 
 
-def exact(quantity: Quantity, value: float, reason: str = "") -> Quantity:
-    """With a ``value`` of which only rounding is wrong."""
-    return stated(quantity, value + 0.0, path=(0.0, "closed form")).but(reason=reason)
+def exact(name: str, value: float | str, reason: str = "") -> Quantity:
+    """With a ``value`` of which only rounding is wrong; or without one, and why."""
+    if isinstance(value, str):
+        return _QUANTITIES[name].but(reason=value)
+    return stated(name, value + 0.0, path=(0.0, "closed form")).but(reason=reason)
 
 
-def unknown(quantity: Quantity, reason: str) -> Quantity:
-    """Without a value."""
-    return quantity.but(reason=reason)
+@dataclass(frozen=True)
+class Step:
+    """From a state on a path to the next: smooth, or a jump."""
+
+    one: PathState
+    other: PathState
+    #: energy that is not resolved anywhere, nN nm
+    floor: float = 0.0
+    how: ClassVar[str] = "steps of the path"
+
+    @property
+    def begins(self) -> bool:
+        """Whether contact begins."""
+        return not self.one.area and self.other.area > 0
+
+    @property
+    def ends(self) -> bool:
+        """Whether contact ends."""
+        return self.one.area > 0 and not self.other.area
+
+    @property
+    def changes(self) -> bool:
+        """Whether either does."""
+        return self.begins or self.ends
+
+    @property
+    def length(self) -> float:
+        """Change of the approach, nm; not finite to or from apart under a given load."""
+        return self.other.displacement - self.one.displacement
+
+    @property
+    def gain(self) -> float:
+        """Of the energy, nN nm."""
+        return self.other.energy - self.one.energy
+
+    @property
+    def excess(self) -> float:
+        """What the work is more than the gain in energy, nN nm: lost in a jump, or the error of the trapezium."""
+        if not math.isfinite(self.length):
+            return 0.0
+        return 0.5 * (self.other.load + self.one.load) * self.length - self.gain
+
+    @property
+    def uncertain(self) -> float:
+        """Largest error of the energy lost in a jump."""
+        return 0.5 * abs((self.other.load - self.one.load) * self.length)
+
+    @property
+    def dip(self) -> float:
+        """How far the load sinks below both, if it is a parabola of which the energy is the integral."""
+        depth = 1.5 * self.excess / self.length if self.length else 0.0
+        rise = abs(self.other.load - self.one.load)
+        return (4 * depth - rise) ** 2 / (16 * depth) if 4 * depth > rise else 0.0
+
+    @property
+    def unresolved(self) -> float:
+        """Energy that is not resolved."""
+        ends = (self.one, self.other)
+        found = (max(end.attraction, ELASTIC * abs(end.energy)) for end in ends)
+        return max(self.floor, ENERGY * max(found))
+
+    @property
+    def jumps(self) -> bool:
+        """Whether energy is lost, in a jump."""
+        return self.excess > self.unresolved
+
+    @property
+    def lost(self) -> float:
+        """Energy lost, nN nm."""
+        return self.excess if self.jumps else 0.0
+
+    @property
+    def work(self) -> float:
+        """Work done, nN nm."""
+        return self.gain + self.lost
+
+    @property
+    def unloaded(self) -> float:
+        """That from where the load vanishes."""
+        part = self.one.load / (self.one.load - self.other.load) * self.length
+        return self.work - 0.5 * self.one.load * part
+
+    def place(self, name: str) -> Quantity:
+        """Its approach."""
+        middle = 0.5 * (self.one.displacement + self.other.displacement)
+        return stated(name, middle, path=(0.5 * abs(self.length) / CERTAIN, self.how))
+
+
+def _energy(name: str, value: float, steps: Sequence[Step]) -> Quantity:
+    """With the error of what is lost in ``steps``."""
+    error = sum(step.uncertain for step in steps if step.jumps)
+    error += abs(sum(step.excess for step in steps if not step.jumps))
+    return stated(name, value, path=(error / CERTAIN, steps[0].how))
+
+
+def quantities(
+    steps: Sequence[Step], pull_off: Quantity, *, open: str, by_load: bool = False
+) -> dict[str, Any]:
+    """Those of :class:`Loop`, of surfaces that adhere; ``open``: why it is not known what is dissipated, or ""."""
+    begin = next((step for step in steps if step.begins), None)
+    end = max((k for k, step in enumerate(steps) if step.ends), default=None)
+
+    def place(name: str, step: Step | None) -> Quantity:
+        if step is None:
+            return exact(name, _ELSEWHERE)
+        return exact(name, _FALLS) if by_load else step.place(name)
+
+    return {
+        "pull_off": pull_off.but(reason="not parted") if end is None else pull_off,
+        "jump_in": place("jump_in", begin),
+        "jump_out": place("jump_out", None if end is None else steps[end]),
+        "jumps": tuple(
+            step.place("jump").but(
+                of="in" if step.other.load < step.one.load else "out"
+            )
+            for step in steps
+            if step.jumps
+        ),
+        "work_of_separation": exact("work_of_separation", _FALLS)
+        if by_load
+        else _separation(steps, end),
+        "dissipated": exact("dissipated", open)
+        if open
+        else _energy("dissipated", sum(step.lost for step in steps), steps),
+    }
+
+
+def _separation(steps: Sequence[Step], end: int | None) -> Quantity:
+    """The work from the last contact without load before the surfaces part in the step ``end``."""
+    if end is None:
+        reason = "not known: the path does not part the surfaces"
+        return exact("work_of_separation", reason)
+    free = end
+    while free and steps[free].one.load < 0 and steps[free].one.area:
+        free -= 1
+    if steps[free].one.load < 0 or not steps[free].one.area:
+        reason = "not known: the path does not pass a contact without load before"
+        return exact("work_of_separation", reason)
+    first, *rest = steps[free:]
+    work = first.unloaded + sum(step.work for step in rest)
+    return _energy("work_of_separation", work, steps[free:])
 
 
 # -- closed forms -----------------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class SphereState:
+    """A sphere in contact: force (nN), radius of the contact and of the zone around it in which there is attraction,
+    and approach since first touch (nm)."""
+
+    load: float
+    edge: float
+    outer: float
+    displacement: float
+
+
 class Branch(NamedTuple):
     """The equilibria of a sphere between two approaches, in the order from apart to contact."""
 
-    touching: bool
-    #: load (nN) at an approach; None: there is none
-    load: Callable[[float], float] | None
     low: float
     high: float
+    #: the sphere at an approach; None: nothing acts
+    at: Callable[[float], SphereState] | None = None
     #: approach of the least load
     least: float = math.nan
+    touching: bool = False
+
+    def state(self, at: float) -> SphereState:
+        """At an approach."""
+        return self.at(at) if self.at else SphereState(0.0, 0.0, 0.0, at)
+
+    def load(self, at: float) -> float:
+        """At an approach, nN."""
+        return self.state(at).load
+
+    def place(self, at: float) -> PathState:
+        """At an approach, the area being only whether the surfaces touch."""
+        state = self.state(at)
+        return PathState(at, state.load, self.touching)
 
     def work(self, first: float, last: float) -> float:
         """∫F dδ. In the root of the distance to the end of the branch, where the load has an infinite slope."""
         from scipy.integrate import quad
 
         load = self.load
-        if load is None or first == last:
+        if self.at is None or first == last:
             return 0.0
         low = self.low
         begin, end = (math.sqrt(max(at - low, 0.0)) for at in (first, last))
@@ -249,116 +412,78 @@ class Branch(NamedTuple):
 
     def lowest(self, first: float, last: float) -> float:
         """The least load between two approaches."""
-        if self.load is None:
-            return 0.0
         ends = [first, last]
         if min(ends) < self.least < max(ends):
             ends.append(self.least)
         return min(map(self.load, ends))
 
 
-class _Leg(NamedTuple):
-    """A part of a path on one branch."""
+@dataclass(frozen=True)
+class Leg(Step):
+    """A step in closed form: along one branch, or between two of them."""
 
-    branch: Branch
-    first: float
-    last: float
+    branch: Branch | None = None
+    how = "closed form"
+    uncertain = excess = 0.0
+
+    @classmethod
+    def along(cls, branch: Branch, first: float, last: float) -> Leg:
+        """On a branch, between two approaches."""
+        return cls(branch.place(first), branch.place(last), branch=branch)
+
+    @property
+    def jumps(self) -> bool:
+        loads = self.one.load, self.other.load
+        return self.branch is None and not math.isclose(*loads, rel_tol=1e-6)
 
     @property
     def work(self) -> float:
-        return self.branch.work(self.first, self.last)
+        ends = self.one.displacement, self.other.displacement
+        return self.branch.work(*ends) if self.branch else 0.0
 
+    #: on a closed path
+    lost = work
 
-def _legs(
-    branches: Sequence[Branch], values: Sequence[float]
-) -> tuple[list[_Leg], list[int]]:
-    """The legs of a path, and the branch at each of its values."""
-    legs: list[_Leg] = []
-    at, here, places = 0, values[0], []
-    while here >= branches[at].high:
-        at += 1
-    for value in values:
-        while not branches[at].low <= value < branches[at].high:
-            up = value >= branches[at].high
-            end = branches[at].high if up else branches[at].low
-            legs.append(_Leg(branches[at], here, end))
-            here, at = end, at + (1 if up else -1)
-            while end >= branches[at].high if up else end < branches[at].low:
-                at += 1 if up else -1
-        legs.append(_Leg(branches[at], here, value))
-        here = value
-        places.append(at)
-    return legs, places
+    @property
+    def unloaded(self) -> float:
+        from scipy.optimize import brentq
+
+        branch, last = self.branch, self.other.displacement
+        if branch is None:
+            return 0.0
+        free: Any = brentq(branch.load, last, self.one.displacement, xtol=1e-15)
+        return branch.work(free, last)
 
 
 def closed_loop(
     branches: Sequence[Branch], values: Sequence[float]
-) -> tuple[list[int], dict[str, Any]]:
+) -> tuple[list[Branch], dict[str, Any]]:
     """The branch at each of the approaches, and the quantities of :class:`Loop`."""
-    legs, places = _legs(branches, values)
-    pairs = list(pairwise(legs))
-    jumps = []
-    for one, other in pairs:
-        if one.branch is not other.branch and not _continuous(one, other):
-            jumps.append(
-                exact(_JUMP, one.last).but(
-                    of="in"
-                    if branches.index(other.branch) > branches.index(one.branch)
-                    else "out"
-                )
-            )
-    begin = [
-        one.last for one, other in pairs if other.branch.touching > one.branch.touching
-    ]
-    end = [
-        k
-        for k, (one, other) in enumerate(pairs)
-        if other.branch.touching < one.branch.touching
-    ]
-    pull = max(-min(leg.branch.lowest(leg.first, leg.last) for leg in legs), 0.0)
-    closed = values[0] == values[-1] and places[0] == places[-1]
-    return places, {
-        "jumps": tuple(jumps),
-        "jump_in": exact(_JUMP_IN, begin[0])
-        if begin
-        else unknown(_JUMP_IN, _ELSEWHERE),
-        "jump_out": exact(_JUMP_OUT, legs[end[-1]].last)
-        if end
-        else unknown(_JUMP_OUT, _ELSEWHERE),
-        "pull_off": exact(_PULL_OFF, pull, "" if end else "not parted"),
-        "work_of_separation": _separation(legs, end),
-        "dissipated": exact(_DISSIPATED, sum(leg.work for leg in legs))
-        if closed
-        else unknown(_DISSIPATED, _OPEN),
-    }
-
-
-def _continuous(one: _Leg, other: _Leg) -> bool:
-    """Whether the load is the same on both branches where they meet."""
-    loads = [
-        leg.branch.load(one.last) if leg.branch.load else 0.0 for leg in (one, other)
-    ]
-    return math.isclose(*loads, rel_tol=1e-6)
-
-
-def _separation(legs: Sequence[_Leg], ends: Sequence[int]) -> Quantity:
-    if not ends:
-        return unknown(_SEPARATION, "not known: the path does not part the surfaces")
-    work = sum(leg.work for leg in legs[ends[-1] + 1 :])
-    for leg in reversed(legs[: ends[-1] + 1]):
-        load = leg.branch.load
-        if load is None or leg.first < leg.last:
-            break
-        if load(leg.first) < 0:
-            work += leg.work
-            continue
-        from scipy.optimize import brentq
-
-        free: Any = brentq(load, leg.last, leg.first, xtol=1e-15)
-        return exact(_SEPARATION, work + leg.branch.work(free, leg.last))
-    return unknown(
-        _SEPARATION, "not known: the path does not pass a contact without load before"
+    legs: list[Leg] = []
+    at, here, places = 0, values[0], []
+    while here >= branches[at].high:
+        at += 1
+    for value in values:
+        while not (one := branches[at]).low <= value < one.high:
+            up = value >= one.high
+            end = one.high if up else one.low
+            legs.append(Leg.along(one, here, end))
+            at += 1 if up else -1
+            while end >= branches[at].high if up else end < branches[at].low:
+                at += 1 if up else -1
+            legs.append(Leg(one.place(end), branches[at].place(end)))
+            here = end
+        legs.append(Leg.along(branches[at], here, value))
+        here = value
+        places.append(branches[at])
+    pull = max(
+        -leg.branch.lowest(leg.one.displacement, leg.other.displacement)
+        for leg in legs
+        if leg.branch
     )
+    closed = values[0] == values[-1] and places[0] is places[-1]
+    found = exact("pull_off", max(pull, 0.0))
+    return places, quantities(legs, found, open="" if closed else _OPEN)
 
 
 def loaded_loop(
@@ -367,25 +492,16 @@ def loaded_loop(
     """The quantities of a path of loads in closed form, of surfaces that part at a ``pull`` (nN), at the approach
     ``last``."""
     parts = any(one > other for one, other in pairwise(touching))
-    closed = (
-        exact(_DISSIPATED, 0.0)
-        if loads[0] == loads[-1]
-        else unknown(_DISSIPATED, _OPEN)
-    )
-    borne = (
-        max(-load for load, touches in zip(loads, touching, strict=True) if touches)
-        if any(touching)
-        else 0.0
-    )
-    return {
-        "jump_in": unknown(_JUMP_IN, _FALLS),
-        "jump_out": exact(_JUMP_OUT, last) if parts else unknown(_JUMP_OUT, _ELSEWHERE),
-        "pull_off": exact(_PULL_OFF, pull)
-        if parts
-        else exact(_PULL_OFF, max(borne, 0.0), "not parted"),
-        "work_of_separation": unknown(_SEPARATION, _FALLS),
-        "dissipated": closed if all(touching) else unknown(_DISSIPATED, _FALLS),
+    borne = [-load for load, touches in zip(loads, touching, strict=True) if touches]
+    closed = 0.0 if loads[0] == loads[-1] else _OPEN
+    found = {
+        "jump_in": (_FALLS,),
+        "jump_out": (last if parts else _ELSEWHERE,),
+        "pull_off": (pull,) if parts else (max(0.0, *borne), "not parted"),
+        "work_of_separation": (_FALLS,),
+        "dissipated": (closed if all(touching) else _FALLS,),
     }
+    return {name: exact(name, *value) for name, value in found.items()}
 
 
 def wall_loop(
@@ -397,50 +513,23 @@ def wall_loop(
     closed = one.area == other.area == 0 or (
         not lost and one.displacement == other.displacement
     )
-    touches = [state.area > 0 for state in states]
-    begins = (False, True) in pairwise(touches)
-    ends = touches[-1:] == [False] and True in touches
+    steps = [Step(*pair) for pair in pairwise(states)]
+    ends = not other.area and any(state.area for state in states)
     flow = (error, "gap left where the material flows")
     return {
-        "jump_in": exact(_JUMP_IN, 0.0) if begins else unknown(_JUMP_IN, _ELSEWHERE),
-        "jump_out": exact(_JUMP_OUT, sunk) if ends else unknown(_JUMP_OUT, _ELSEWHERE),
-        "pull_off": exact(_PULL_OFF, 0.0, _NO_PULL),
-        "work_of_separation": exact(_SEPARATION, 0.0, _NO_PULL),
-        "dissipated": stated(_DISSIPATED, lost, iteration=flow)
+        "jump_in": exact(
+            "jump_in", 0.0 if any(step.begins for step in steps) else _ELSEWHERE
+        ),
+        "jump_out": exact("jump_out", sunk if ends else _ELSEWHERE),
+        "pull_off": exact("pull_off", 0.0, _NO_PULL),
+        "work_of_separation": exact("work_of_separation", 0.0, _NO_PULL),
+        "dissipated": stated("dissipated", lost, iteration=flow)
         if closed
-        else unknown(_DISSIPATED, _OPEN),
+        else exact("dissipated", _OPEN),
     }
 
 
 # -- boundary elements ------------------------------------------------------------------------------------------------
-
-
-def _excess(last: PathState, now: PathState) -> float:
-    """What the work between two states is more than the gain in energy, nN nm: lost in a jump, or the error of the
-    trapezium."""
-    if not math.isfinite(now.displacement - last.displacement):
-        return 0.0
-    work = 0.5 * (now.load + last.load) * (now.displacement - last.displacement)
-    return work - (now.energy - last.energy)
-
-
-def _uncertain(last: PathState, now: PathState) -> float:
-    """Largest error of the energy lost in a jump between two states."""
-    step = now.displacement - last.displacement
-    return 0.5 * abs((now.load - last.load) * step) if math.isfinite(step) else 0.0
-
-
-def _dip(last: PathState, now: PathState) -> float:
-    """How far the load sinks between two states below both, if it is a parabola of which the energy is the integral."""
-    step = now.displacement - last.displacement
-    depth = 1.5 * _excess(last, now) / step if step and math.isfinite(step) else 0.0
-    rise = abs(now.load - last.load)
-    return (4 * depth - rise) ** 2 / (16 * depth) if 4 * depth > rise else 0.0
-
-
-def _changes(last: PathState, now: PathState) -> bool:
-    """Whether contact begins or ends."""
-    return (last.area > 0) != (now.area > 0)
 
 
 @dataclass
@@ -476,7 +565,8 @@ class Follower:
         now = self.solve(value, last)
         if last is not None:
             width = abs(value - self.values[-1])
-            if width > self.resolution and self._unclear(last, now, width):
+            step = Step(last, now, self.floor)
+            if width > self.resolution and self._unclear(step, width):
                 self._reach(0.5 * (value + self.values[-1]))
                 return self._reach(value)
             self.states[-1] = last._replace(memory=None, contact=None)
@@ -486,40 +576,26 @@ class Follower:
             self.lowest, self.lowest_at = now, value
         return None
 
-    def _unclear(self, last: PathState, now: PathState, width: float) -> bool:
-        if _changes(last, now) or min(
-            abs(_excess(last, now)), _uncertain(last, now)
-        ) > self._unresolved(last, now):
+    def _unclear(self, step: Step, width: float) -> bool:
+        lost = min(abs(step.excess), step.uncertain)
+        if step.changes or lost > step.unresolved:
             return True
-        lowest = (1 + FORCE) * min(0.0, now.load, *(one.load for one in self.states))
+        loads = step.one.load, step.other.load
+        lowest = (1 + FORCE) * min(0.0, *loads, *(one.load for one in self.states))
         # how far the pull goes on growing before a jump
-        last_one = len(self.states) - 1
-        further = (
-            abs(self._slope(last_one, last_one - 1)) * width
-            if self._is_large(last, now)
-            else 0.0
-        )
-        return min(last.load - further, now.load, last.load) - _dip(last, now) < lowest
+        last = len(self.states) - 1
+        further = abs(self._slope(last, last - 1)) * width if step.jumps else 0.0
+        return min(step.one.load - further, *loads) - step.dip < lowest
 
-    def _unresolved(self, *states: PathState) -> float:
-        """Energy that is not resolved between two states."""
-        found = (max(one.attraction, ELASTIC * abs(one.energy)) for one in states)
-        return max(self.floor, ENERGY * max(found))
-
-    def _is_large(self, last: PathState, now: PathState) -> bool:
-        """Whether energy is lost between two states, in a jump."""
-        return _excess(last, now) > self._unresolved(last, now)
-
-    def _jumps_after(self, k: int) -> bool:
-        """Whether there is a jump between a state and the next one."""
-        one, other = self.states[k : k + 2]
-        return _changes(one, other) or self._is_large(one, other)
+    def _step(self, k: int) -> Step:
+        return Step(*self.states[k : k + 2], self.floor)
 
     def _slope(self, k: int, near: int) -> float:
         """Change of the load with what is given, between two neighbours; 0 where there is none, or a jump."""
         if not 0 <= near < len(self.states) or self.values[k] == self.values[near]:
             return 0.0
-        if self._jumps_after(min(k, near)):
+        step = self._step(min(k, near))
+        if step.changes or step.jumps:
             return 0.0
         return (self.states[near].load - self.states[k].load) / (
             self.values[near] - self.values[k]
@@ -527,127 +603,33 @@ class Follower:
 
     def quantities(self, control: str) -> dict[str, Any]:
         """Those of :class:`Loop`, with the error of the path."""
-        return {
-            "pull_off": self._pull_off(control),
-            "jump_in": self._jump(_JUMP_IN, True, control),
-            "jump_out": self._jump(_JUMP_OUT, False, control),
-            "jumps": tuple(
-                _between(_JUMP, one, other).but(
-                    of="in" if other.load < one.load else "out"
-                )
-                for one, other in self._pairs()
-                if self._is_large(one, other)
-            ),
-            "work_of_separation": self._separation(control),
-            "dissipated": self._dissipated(control),
-        }
-
-    def _pairs(self) -> Iterator[tuple[PathState, PathState]]:
-        return pairwise(self.states)
-
-    def _jump(self, quantity: Quantity, begins: bool, control: str) -> Quantity:
-        found = [
-            pair
-            for pair in self._pairs()
-            if _changes(*pair) and (pair[1].area > 0) == begins
-        ]
-        if not found:
-            return unknown(quantity, _ELSEWHERE)
-        return (
-            unknown(quantity, _FALLS)
-            if control == "load"
-            else _between(quantity, *found[0 if begins else -1])
-        )
+        one, other = self.states[0], self.states[-1]
+        allowed = ENERGY * max(state.attraction for state in self.states)
+        closed = self.values[0] == self.values[-1]
+        why = "" if closed and abs(other.energy - one.energy) <= allowed else _OPEN
+        if not all(math.isfinite(state.displacement) for state in self.states):
+            why = _FALLS
+        steps = [self._step(k) for k in range(len(self.states) - 1)]
+        pull = self._pull_off(control)
+        return quantities(steps, pull, open=why, by_load=control == "load")
 
     def _pull_off(self, control: str) -> Quantity:
         loads = [state.load for state in self.states]
         k = int(np.argmin(loads))
         if not loads[k] < 0:
-            return stated(_PULL_OFF, 0.0, path=(0.0, "no pull on this path"))
+            return stated("pull_off", 0.0, path=(0.0, "no pull on this path"))
         pull, error = -loads[k], 0.0
-        parted = any(
-            _changes(one, other) and not other.area for one, other in self._pairs()
-        )
         for near in (k - 1, k + 1):
             if not 0 <= near < len(loads):
                 continue
-            width, other = abs(self.values[near] - self.values[k]), self.states[near]
+            width = abs(self.values[near] - self.values[k])
+            step = self._step(min(k, near))
             if control == "load":
-                if _changes(self.states[k], other):
+                if step.changes:
                     pull, error = pull + 0.5 * width, error + 0.5 * width
-            elif self._jumps_after(min(k, near)):
+            elif step.changes or step.jumps:
                 error += abs(self._slope(k, 2 * k - near)) * width
             else:
-                error += _dip(self.states[min(k, near)], self.states[max(k, near)])
+                error += step.dip
         error = max(error, FORCE * pull)
-        found = stated(_PULL_OFF, pull, path=(error / CERTAIN, "steps of the path"))
-        return found if parted else found.but(reason="not parted")
-
-    def _jumps(self) -> tuple[float, float]:
-        """Energy lost in jumps, and its error."""
-        lost = error = rest = 0.0
-        for one, other in self._pairs():
-            excess = _excess(one, other)
-            if self._is_large(one, other):
-                lost += excess
-                error += _uncertain(one, other)
-            else:
-                rest += excess
-        return lost, error + abs(rest)
-
-    def _dissipated(self, control: str) -> Quantity:
-        one, other = self.states[0], self.states[-1]
-        if any(not math.isfinite(state.displacement) for state in self.states):
-            return unknown(_DISSIPATED, _FALLS)
-        allowed = ENERGY * max(state.attraction for state in self.states)
-        if (
-            self.values[0] != self.values[-1]
-            or abs(other.energy - one.energy) > allowed
-        ):
-            return unknown(_DISSIPATED, _OPEN)
-        lost, error = self._jumps()
-        return stated(_DISSIPATED, lost, path=(error / CERTAIN, "steps of the path"))
-
-    def _separation(self, control: str) -> Quantity:
-        if control == "load":
-            return unknown(_SEPARATION, _FALLS)
-        ends = [
-            k
-            for k, pair in enumerate(self._pairs())
-            if _changes(*pair) and not pair[1].area
-        ]
-        if not ends:
-            return unknown(
-                _SEPARATION, "not known: the path does not part the surfaces"
-            )
-        touching = range(ends[-1], -1, -1)
-        free = next(
-            (
-                k
-                for k in touching
-                if self.states[k].load >= 0 or not self.states[k].area
-            ),
-            None,
-        )
-        if free is None or not self.states[free].area:
-            return unknown(
-                _SEPARATION,
-                "not known: the path does not pass a contact without load before",
-            )
-        one, other, last = self.states[free], self.states[free + 1], self.states[-1]
-        part = (
-            one.load / (one.load - other.load) * (other.displacement - one.displacement)
-        )
-        rest = replace(self, values=self.values[free:], states=self.states[free:])
-        lost, error = rest._jumps()
-        work = last.energy - one.energy - 0.5 * one.load * part + lost
-        return stated(_SEPARATION, work, path=(error / CERTAIN, "steps of the path"))
-
-
-def _between(quantity: Quantity, one: PathState, other: PathState) -> Quantity:
-    """The approach between two states."""
-    middle, width = (
-        0.5 * (one.displacement + other.displacement),
-        abs(other.displacement - one.displacement),
-    )
-    return stated(quantity, middle, path=(0.5 * width / CERTAIN, "steps of the path"))
+        return stated("pull_off", pull, path=(error / CERTAIN, Step.how))
