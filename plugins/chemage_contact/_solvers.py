@@ -141,14 +141,9 @@ class SphereSolver(HalfSpaceSolver, ABC):
                 apart = SphereState(0.0, 0.0, 0.0, -math.inf)
                 states.append(self.at_load(radius, load) if touching else apart)
             lost = self.at_load(radius, -pull).displacement
-            found = loaded_loop(
-                [state.edge > 0 for state in states], path.values, pull, lost
-            )
+            found = loaded_loop(states, path.values, pull, lost)
         else:
-            places, found = closed_loop(branches, path.values)
-            states = [
-                branch.state(at) for branch, at in zip(places, path.values, strict=True)
-            ]
+            states, found = closed_loop(branches, path.values)
         for state in states:
             self.require_room(
                 state.outer, surface.shape, surface.pixel_size, state.load

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar
@@ -89,27 +89,26 @@ class AdhesiveSphere(SphereSolver, ABC):
         apart = displacement < (last if touching else max(first, last))
         return None if apart else self._at(radius, displacement)
 
-    @abstractmethod
+    def _punches(self, state: SphereState) -> list[tuple[float, float]]:
+        """The flat punches that pull the surfaces together: radius (nm), and tension in the middle (GPa)."""
+        return []
+
+    def _tension(self, state: SphereState) -> float:
+        """What attraction takes off the pressure of Hertz in the middle, GPa."""
+        return sum(tension for _, tension in self._punches(state))
+
     def _forces(
         self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
     ) -> np.ndarray:
         """Force (nN) on each pixel between the edges ``x`` and ``y``, nm from the apex."""
-
-    def _tension(self, state: SphereState) -> float:
-        """What attraction takes off the pressure of Hertz in the middle, GPa."""
-        return 0.0
-
-    def _pushes(
-        self, radius: float, edge: float, x: np.ndarray, y: np.ndarray
-    ) -> np.ndarray:
-        """The part of these forces of the pressure of Hertz on a contact of radius ``edge``."""
-        return (
-            2
-            * self.modulus
-            * edge**3
-            / (math.pi * radius)
-            * _pixels(_corner_force, x / edge, y / edge)
+        edge = state.edge
+        hertz = _pixels(_corner_force, x / edge, y / edge)
+        forces = np.maximum(
+            2 * self.modulus * edge**3 / (math.pi * radius) * hertz, 0.0
         )
+        for punch, tension in self._punches(state):
+            forces -= tension * punch**2 * _pixels(_corner_punch, x / punch, y / punch)
+        return forces
 
     def _carries(self, radius: float) -> str:
         return ""
@@ -198,14 +197,9 @@ class AdhesiveSphere(SphereSolver, ABC):
         size = surface.pixel_size
         x, y = self.edges(surface)
         pressure = self._forces(radius, state, x, y) / size**2
-        nearest = [
-            np.minimum(np.abs(edges[1:]), np.abs(edges[:-1]))
-            * (edges[1:] * edges[:-1] > 0)
-            for edges in (x, y)
-        ]
-        pressure[np.hypot(nearest[0][:, None], nearest[1]) >= state.outer] = (
-            0.0  # else rounding errors
-        )
+        # the nearest point of each pixel; beyond are rounding errors
+        near = [np.maximum(np.maximum(e[:-1], -e[1:]), 0.0) for e in (x, y)]
+        pressure[np.hypot(near[0][:, None], near[1]) >= state.outer] = 0.0
         centre = self.distances(surface)
         # a contact smaller than a pixel is the pixel in the middle
         touching = centre < max(state.edge, float(centre.min()) * (1 + 1e-9))
@@ -305,22 +299,9 @@ class JKR(AdhesiveSphere):
         root = max(float(value.real) for value in roots if abs(value.imag) < 1e-6)
         return self._state(radius, max(root, _LOWEST) ** 2 * scale)
 
-    def _tension(self, state: SphereState) -> float:
-        return math.sqrt(
-            2 * self.work_of_adhesion * self.modulus / (math.pi * state.edge)
-        )
-
-    def _forces(
-        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
-    ) -> np.ndarray:
-        edge = state.edge
-        punch = (
-            math.sqrt(2 * self.work_of_adhesion * self.modulus / (math.pi * edge))
-            * edge**2
-        )
-        return self._pushes(radius, edge, x, y) - punch * _pixels(
-            _corner_punch, x / edge, y / edge
-        )
+    def _punches(self, state: SphereState) -> list[tuple[float, float]]:
+        w, edge = self.work_of_adhesion, state.edge
+        return [(edge, math.sqrt(2 * w * self.modulus / (math.pi * edge)))]
 
 
 class DMT(AdhesiveSphere):
@@ -342,11 +323,6 @@ class DMT(AdhesiveSphere):
     def pull_off(self, radius: float) -> float:
         """2πwR."""
         return 2 * math.pi * self.work_of_adhesion * radius
-
-    def _forces(
-        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
-    ) -> np.ndarray:
-        return np.maximum(self._pushes(radius, state.edge, x, y), 0.0)
 
     def _carries(self, radius: float) -> str:
         return f"the attraction of {self.pull_off(radius):.6g} nN acts around the contact, where DMT theory does not say"
@@ -387,9 +363,7 @@ class Maugis(AdhesiveSphere):
     def at_load(self, radius: float, load: float) -> SphereState:
         """See :meth:`SphereSolver.at_load`."""
         force, _, _, strength = self.units(radius)
-        return self._state(
-            radius, _solved(_load, strength, load / force, _lowest(_load, strength))
-        )
+        return self._state(radius, _solved(_load, strength, load / force))
 
     def _state(self, radius: float, angle: float) -> SphereState:
         force, unit, depth, strength = self.units(radius)
@@ -412,10 +386,7 @@ class Maugis(AdhesiveSphere):
 
     def _at(self, radius: float, displacement: float) -> SphereState:
         _, _, depth, strength = self.units(radius)
-        last = _lowest(_approach, strength)
-        return self._state(
-            radius, _solved(_approach, strength, displacement / depth, last)
-        )
+        return self._state(radius, _solved(_approach, strength, displacement / depth))
 
     def _bulge(self, radius: float) -> tuple[float, float, float]:
         """Radii (nm) of the disc of attraction around a gap that closes, and of the smallest stable one, and w/(z₀E*).
@@ -454,23 +425,15 @@ class Maugis(AdhesiveSphere):
         stress = self.work_of_adhesion / self.range
         return 2 / math.pi * stress * math.acos(min(state.edge / state.outer, 1.0))
 
-    def _forces(
-        self, radius: float, state: SphereState, x: np.ndarray, y: np.ndarray
-    ) -> np.ndarray:
+    def _punches(self, state: SphereState) -> list[tuple[float, float]]:
+        """(2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²) over the radii t of punches from a to c."""
         edge, outer = state.edge, state.outer
-        forces = self._pushes(radius, edge, x, y)
-        # the attraction as a sum of flat punches of radius t from a to c: (2σ/π) ∫ t dt/√(c² − t²) 1/√(t² − r²)
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        span = math.sqrt(max((outer - edge) * (outer + edge), 0.0))
+        half = 0.5 * math.sqrt(max((outer - edge) * (outer + edge), 0.0))
         stress = 2 / math.pi * self.work_of_adhesion / self.range
-        for s, weight in zip(
-            0.5 * span * (nodes + 1), 0.5 * span * weights, strict=True
-        ):
-            punch = math.sqrt((outer - s) * (outer + s))
-            forces -= (
-                stress * weight * punch * _pixels(_corner_punch, x / punch, y / punch)
-            )
-        return forces
+        roots = half * (nodes + 1)
+        radii = np.sqrt((outer - roots) * (outer + roots))
+        return list(zip(radii, stress * half * weights / radii, strict=True))
 
 
 def _outer(angle: float, strength: float) -> float:
@@ -504,11 +467,9 @@ def _lowest(function: Callable[[float, float], float], strength: float) -> float
     """The angle at which load or approach is least, ½π where the contact vanishes before."""
     from scipy.optimize import minimize_scalar
 
-    angles = np.append(
-        np.geomspace(1e-9, 1.5, _ANGLES),
-        0.5 * math.pi - np.geomspace(0.07, 1e-12, _ANGLES // 4),
-    )
-    angles = np.append(angles, 0.5 * math.pi)
+    last = 0.5 * math.pi
+    near = last - np.geomspace(0.07, 1e-12, _ANGLES // 4)
+    angles = np.concatenate([np.geomspace(1e-9, 1.5, _ANGLES), near, [last]])
     values = np.array([function(angle, strength) for angle in angles])
     # the first minimum is that of the stable branch
     at = int(np.argmax(np.append(np.diff(values) >= 0, True)))
@@ -526,24 +487,21 @@ def _lowest(function: Callable[[float, float], float], strength: float) -> float
 
 
 def _solved(
-    function: Callable[[float, float], float],
-    strength: float,
-    value: float,
-    last: float,
+    function: Callable[[float, float], float], strength: float, value: float
 ) -> float:
-    """The angle below ``last`` at which the falling load or approach has ``value``."""
-    from scipy.optimize import root_scalar
+    """The angle up to that of the least value at which the falling load or approach has ``value``."""
+    from scipy.optimize import brentq
 
+    first = last = _lowest(function, strength)
     if value <= function(last, strength):
         return last
-    first = last
     while function(first, strength) < value:
         first *= 0.5
-    found = root_scalar(
+    found: Any = brentq(
         lambda angle: function(angle, strength) - value,
-        bracket=(first, last),
-        method="brentq",
+        first,
+        last,
         xtol=1e-300,
         rtol=1e-14,
     )
-    return float(found.root)
+    return found

@@ -321,12 +321,11 @@ class AdhesiveBEM(HalfSpaceSolver):
         deepest = self._from(surface, path.target, None)[0].displacement or 0.0
         around = path.there_and_back(far, deepest + offset)
         follower.follow(around.values)
-        step, last = (deepest + offset - far) / path.points, follower.states[-1]
-        lowest = min(state.load for state in follower.states)
-        while last.area or last.load < GONE * lowest:
+        step = (deepest + offset - far) / path.points
+        while (last := follower.states[-1]).area or last.load < GONE * min(
+            state.load for state in follower.states
+        ):
             follower.follow([follower.values[-1] - step])
-            last = follower.states[-1]
-            lowest = min(lowest, last.load)
         if follower.values[-1] < far:
             follower.follow([far])
         return follower

@@ -229,12 +229,9 @@ class Hertz(SphereSolver):
             inside = r <= np.sort(r, axis=None)[math.ceil(least) - 1]
         away = r[inside]
         means = np.full(away.size, sphere.hardness)
-        x, y = (
-            np.broadcast_to(v, r.shape)[inside]
-            for v in np.ogrid[tuple(slice(0, n) for n in r.shape)]
-        )
         places = [
-            (v - 0.5 * (n - 1)) * size for v, n in zip((x, y), r.shape, strict=True)
+            (v - 0.5 * (n - 1)) * size
+            for v, n in zip(np.nonzero(inside), r.shape, strict=True)
         ]
         rim = np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge)) < size
         for points, there in ((16, rim), (3, ~rim & (away > sphere.core))):

@@ -208,11 +208,21 @@ def coarser(surface: Surface) -> Iterator[tuple[int, Surface]]:
         )
 
 
-def exact(name: str, value: float | str, reason: str = "") -> Quantity:
-    """With a ``value`` of which only rounding is wrong; or without one, and why."""
-    if isinstance(value, str):
-        return _QUANTITIES[name].but(reason=value)
-    return stated(name, value + 0.0, path=(0.0, "closed form")).but(reason=reason)
+#: a value of which only rounding is wrong, why there is none, a value and what to say of it, or with its errors
+_Found = float | str | tuple[float, str] | Quantity
+
+
+def exact(**found: _Found) -> dict[str, Any]:
+    """The quantities of closed forms by name."""
+    made: dict[str, Any] = {}
+    for name, value in found.items():
+        if isinstance(value, str):
+            value = _QUANTITIES[name].but(reason=value)
+        elif not isinstance(value, Quantity):
+            value, reason = value if isinstance(value, tuple) else (value, "")
+            value = stated(name, value + 0.0, path=(0.0, Leg.how)).but(reason=reason)
+        made[name] = value
+    return made
 
 
 @dataclass(frozen=True)
@@ -226,19 +236,9 @@ class Step:
     how: ClassVar[str] = "steps of the path"
 
     @property
-    def begins(self) -> bool:
-        """Whether contact begins."""
-        return not self.one.area and self.other.area > 0
-
-    @property
-    def ends(self) -> bool:
-        """Whether contact ends."""
-        return self.one.area > 0 and not self.other.area
-
-    @property
-    def changes(self) -> bool:
-        """Whether either does."""
-        return self.begins or self.ends
+    def change(self) -> int:
+        """1 where contact begins, -1 where it ends, else 0."""
+        return (self.other.area > 0) - (self.one.area > 0)
 
     @property
     def length(self) -> float:
@@ -314,45 +314,42 @@ def quantities(
     steps: Sequence[Step], pull_off: Quantity, *, open: str, by_load: bool = False
 ) -> dict[str, Any]:
     """Those of :class:`Loop`, of surfaces that adhere; ``open``: why it is not known what is dissipated, or ""."""
-    begin = next((step for step in steps if step.begins), None)
-    end = max((k for k, step in enumerate(steps) if step.ends), default=None)
+    begins, ends = (
+        [k for k, s in enumerate(steps) if s.change == one] for one in (1, -1)
+    )
 
-    def place(name: str, step: Step | None) -> Quantity:
-        if step is None:
-            return exact(name, _ELSEWHERE)
-        return exact(name, _FALLS) if by_load else step.place(name)
+    def place(name: str, found: Sequence[int]) -> _Found:
+        if not found:
+            return _ELSEWHERE
+        return _FALLS if by_load else steps[found[0]].place(name)
 
-    return {
-        "pull_off": pull_off.but(reason="not parted") if end is None else pull_off,
-        "jump_in": place("jump_in", begin),
-        "jump_out": place("jump_out", None if end is None else steps[end]),
+    lost = sum(step.lost for step in steps)
+    jumps = (step for step in steps if step.jumps)
+    return exact(
+        pull_off=pull_off if ends else pull_off.but(reason="not parted"),
+        jump_in=place("jump_in", begins),
+        jump_out=place("jump_out", ends[-1:]),
+        work_of_separation=_FALLS if by_load else _separation(steps, ends),
+        dissipated=open or _energy("dissipated", lost, steps),
+    ) | {
         "jumps": tuple(
             step.place("jump").but(
                 of="in" if step.other.load < step.one.load else "out"
             )
-            for step in steps
-            if step.jumps
-        ),
-        "work_of_separation": exact("work_of_separation", _FALLS)
-        if by_load
-        else _separation(steps, end),
-        "dissipated": exact("dissipated", open)
-        if open
-        else _energy("dissipated", sum(step.lost for step in steps), steps),
+            for step in jumps
+        )
     }
 
 
-def _separation(steps: Sequence[Step], end: int | None) -> Quantity:
-    """The work from the last contact without load before the surfaces part in the step ``end``."""
-    if end is None:
-        reason = "not known: the path does not part the surfaces"
-        return exact("work_of_separation", reason)
-    free = end
+def _separation(steps: Sequence[Step], ends: Sequence[int]) -> _Found:
+    """The work from the last contact without load before the surfaces part in the last of the steps ``ends``."""
+    if not ends:
+        return "not known: the path does not part the surfaces"
+    free = ends[-1]
     while free and steps[free].one.load < 0 and steps[free].one.area:
         free -= 1
     if steps[free].one.load < 0 or not steps[free].one.area:
-        reason = "not known: the path does not pass a contact without load before"
-        return exact("work_of_separation", reason)
+        return "not known: the path does not pass a contact without load before"
     first, *rest = steps[free:]
     work = first.unloaded + sum(step.work for step in rest)
     return _energy("work_of_separation", work, steps[free:])
@@ -457,8 +454,8 @@ class Leg(Step):
 
 def closed_loop(
     branches: Sequence[Branch], values: Sequence[float]
-) -> tuple[list[Branch], dict[str, Any]]:
-    """The branch at each of the approaches, and the quantities of :class:`Loop`."""
+) -> tuple[list[SphereState], dict[str, Any]]:
+    """The sphere at each of the approaches, and the quantities of :class:`Loop`."""
     legs: list[Leg] = []
     at, here, places = 0, values[0], []
     while here >= branches[at].high:
@@ -482,26 +479,29 @@ def closed_loop(
         if leg.branch
     )
     closed = values[0] == values[-1] and places[0] is places[-1]
-    found = exact("pull_off", max(pull, 0.0))
-    return places, quantities(legs, found, open="" if closed else _OPEN)
+    found = exact(pull_off=max(pull, 0.0))["pull_off"]
+    states = [branch.state(at) for branch, at in zip(places, values, strict=True)]
+    return states, quantities(legs, found, open="" if closed else _OPEN)
 
 
 def loaded_loop(
-    touching: Sequence[bool], loads: Sequence[float], pull: float, last: float
+    states: Sequence[SphereState], loads: Sequence[float], pull: float, last: float
 ) -> dict[str, Any]:
     """The quantities of a path of loads in closed form, of surfaces that part at a ``pull`` (nN), at the approach
     ``last``."""
+    touching = [state.edge > 0 for state in states]
     parts = any(one > other for one, other in pairwise(touching))
-    borne = [-load for load, touches in zip(loads, touching, strict=True) if touches]
     closed = 0.0 if loads[0] == loads[-1] else _OPEN
-    found = {
-        "jump_in": (_FALLS,),
-        "jump_out": (last if parts else _ELSEWHERE,),
-        "pull_off": (pull,) if parts else (max(0.0, *borne), "not parted"),
-        "work_of_separation": (_FALLS,),
-        "dissipated": (closed if all(touching) else _FALLS,),
-    }
-    return {name: exact(name, *value) for name, value in found.items()}
+    return exact(
+        jump_in=_FALLS,
+        jump_out=last if parts else _ELSEWHERE,
+        # of surfaces that are apart it is 0
+        pull_off=pull
+        if parts
+        else (max(0.0, *(-state.load for state in states)), "not parted"),
+        work_of_separation=_FALLS,
+        dissipated=closed if all(touching) else _FALLS,
+    )
 
 
 def wall_loop(
@@ -513,20 +513,16 @@ def wall_loop(
     closed = one.area == other.area == 0 or (
         not lost and one.displacement == other.displacement
     )
-    steps = [Step(*pair) for pair in pairwise(states)]
+    begins = any(Step(*pair).change > 0 for pair in pairwise(states))
     ends = not other.area and any(state.area for state in states)
     flow = (error, "gap left where the material flows")
-    return {
-        "jump_in": exact(
-            "jump_in", 0.0 if any(step.begins for step in steps) else _ELSEWHERE
-        ),
-        "jump_out": exact("jump_out", sunk if ends else _ELSEWHERE),
-        "pull_off": exact("pull_off", 0.0, _NO_PULL),
-        "work_of_separation": exact("work_of_separation", 0.0, _NO_PULL),
-        "dissipated": stated("dissipated", lost, iteration=flow)
-        if closed
-        else exact("dissipated", _OPEN),
-    }
+    return exact(
+        jump_in=0.0 if begins else _ELSEWHERE,
+        jump_out=sunk if ends else _ELSEWHERE,
+        pull_off=(0.0, _NO_PULL),
+        work_of_separation=(0.0, _NO_PULL),
+        dissipated=stated("dissipated", lost, iteration=flow) if closed else _OPEN,
+    )
 
 
 # -- boundary elements ------------------------------------------------------------------------------------------------
@@ -578,7 +574,7 @@ class Follower:
 
     def _unclear(self, step: Step, width: float) -> bool:
         lost = min(abs(step.excess), step.uncertain)
-        if step.changes or lost > step.unresolved:
+        if step.change or lost > step.unresolved:
             return True
         loads = step.one.load, step.other.load
         lowest = (1 + FORCE) * min(0.0, *loads, *(one.load for one in self.states))
@@ -595,7 +591,7 @@ class Follower:
         if not 0 <= near < len(self.states) or self.values[k] == self.values[near]:
             return 0.0
         step = self._step(min(k, near))
-        if step.changes or step.jumps:
+        if step.change or step.jumps:
             return 0.0
         return (self.states[near].load - self.states[k].load) / (
             self.values[near] - self.values[k]
@@ -625,9 +621,9 @@ class Follower:
             width = abs(self.values[near] - self.values[k])
             step = self._step(min(k, near))
             if control == "load":
-                if step.changes:
+                if step.change:
                     pull, error = pull + 0.5 * width, error + 0.5 * width
-            elif step.changes or step.jumps:
+            elif step.change or step.jumps:
                 error += abs(self._slope(k, 2 * k - near)) * width
             else:
                 error += step.dip
