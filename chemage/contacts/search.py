@@ -7,12 +7,15 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, Self, TypeVar
 
-from chemage.contacts.solution import Contact, ContactSolution
+from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
+from chemage.foundation import container
 from chemage.foundation.errors import InputError
 from chemage.foundation.units import convert
 
 #: what follows a pressure that is the mean over the contact and not over the nominal area
 OVER = "over contact"
+#: what precedes a file of results with a contact of this mean pressure
+AS = "as "
 #: relative error of the pressure to which a search is held, on few pixels half of one of them; the number of pixels that
 #: a contact of a symmetric grid may gain at once, and the largest error that these may excuse
 TOLERANCE, AT_ONCE, LARGEST = 1e-3, 8, 0.1
@@ -28,18 +31,28 @@ _C = TypeVar("_C", bound=Contact)
 
 
 def sought_pressure(load: object) -> float | None:
-    """The mean contact pressure (GPa) in a load such as ``"3 GPa over contact"``; None in another load.
+    """The mean contact pressure (GPa) in a load such as ``"3 GPa over contact"``, or ``"as rough.h5"``: of the contact
+    in a file of results; None in another load.
 
     Raises
     ------
     InputError
         It is not above zero and finite.
+    StoreError
+        There is no such file.
     """
-    if not isinstance(load, str) or not load.endswith(OVER):
+    if isinstance(load, str) and load.startswith(AS):
+        kinds = {"contact": ContactSolution, "statistics": ContactStatistics}
+        found = container.read(load.removeprefix(AS), kinds)[0].values()
+        pressure = sum(contact.mean_contact_pressure for contact in found)
+    elif isinstance(load, str) and load.endswith(OVER):
+        pressure = convert(load.removesuffix(OVER), "GPa", "load")
+    else:
         return None
-    pressure = convert(load.removesuffix(OVER), "GPa", "load")
     if not 0 < pressure < math.inf:
-        problem = "must be finite and above zero"
+        problem = (
+            "must be a pressure that is finite and above zero, or a file with a contact"
+        )
         raise InputError.of("load", load, problem, f'give "3 GPa {OVER}"')
     return pressure
 

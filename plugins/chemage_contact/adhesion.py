@@ -502,6 +502,6 @@ def _solved(
         first,
         last,
         xtol=1e-300,
-        rtol=1e-14,
+        rtol=np.float64(1e-14),
     )
     return found

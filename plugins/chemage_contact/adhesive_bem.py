@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from chemage import ChemageError, ContactSolution, InputError, Surface
-from chemage.plugin import ConvergenceError, Length, Quantity, Unit, convert, threads
+from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
 from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
@@ -244,32 +244,19 @@ class AdhesiveBEM(HalfSpaceSolver):
         follower = self._follow(surface, path, 0.0)
         found = follower.quantities(path.control)
         others = list(self._coarsely(surface, path))
-        stuck = (
-            HELD["dugdale"] * surface.pixel_size / self._zone
-            if self.law == "dugdale"
-            else 0.0
-        )
-        for name, quantity in found.items():
-            if isinstance(quantity, Quantity):
-                # errors grow with the pixel, in proportion or faster
-                sizes = [
-                    abs(other[name].value - quantity.value) / (k - 1)
-                    for k, other in others
-                ]
-                sizes = [size for size in sizes if math.isfinite(size)]
-                if sizes:
-                    sizes.append(stuck * abs(quantity.value))
-                size = max(sizes, default=math.nan)
-                found[name] = more_errors(
-                    quantity, pixel=(size, "the same path on larger pixels")
-                )
-        found["pull_off"] = more_errors(
-            found["pull_off"],
-            iteration=(
-                self._pull_again(surface, path, follower),
-                "solved again to a hundredth of the tolerance",
-            ),
-        )
+        coarse = surface.pixel_size / self._zone
+        stuck = HELD["dugdale"] * coarse if self.law == "dugdale" else 0.0
+        how = "the same path on larger pixels"
+        for name in found.keys() - {"jumps"}:
+            value = found[name].value
+            # errors grow with the pixel, in proportion or faster
+            sizes = [abs(other[name].value - value) / (k - 1) for k, other in others]
+            sizes = [size for size in sizes if math.isfinite(size)]
+            size = max(*sizes, stuck * abs(value)) if sizes else math.nan
+            found[name] = more_errors(found[name], pixel=(size, how))
+        again = self._pull_again(surface, path, follower)
+        how = "solved again to a hundredth of the tolerance"
+        found["pull_off"] = more_errors(found["pull_off"], iteration=(again, how))
         return Loop.of(
             follower.states,
             follower.given,

@@ -428,47 +428,43 @@ class FFTBEM(HalfSpaceSolver):
             path = replace(path.there_and_back(0.0, path.target), control="load")
         left, top = surface, float(surface.heights.max())
         contacts: list[ContactSolution] = []
-        states: list[PathState] = []
-        error = 0.0
+        sunk = error = 0.0
         for value in path.values:
-            sunk = top - float(left.heights.max())
             contact = (
                 self.solve(left, value, start=contacts[-1] if contacts else None)
                 if path.control == "load"
                 else self.solve_displacement(left, value - sunk)
             )
-            flow, more = contact.plastic_displacement, {}
-            if flow is not None:
+            more: dict[str, Any] = {
+                "displacement": (contact.displacement or 0.0) + sunk
+            }
+            if (flow := contact.plastic_displacement) is not None:
                 if flow.any():
                     left = contact.residual_surface(left)
-                    shaky = (
-                        contact.convergence["rms_gap"] * contact.convergence["scale"]
-                    )
-                    error = max(error, shaky * np.count_nonzero(flow))
+                    told = contact.convergence
+                    shaky = told["rms_gap"] * told["scale"] * np.count_nonzero(flow)
+                    error = max(error, shaky)
                 total = np.maximum(surface.heights - left.heights, 0)
                 total.setflags(write=False)
-                more = {
+                loads = [*(one.load for one in contacts), contact.load]
+                more |= {
                     "plastic_displacement": total,
                     "rms_height": surface.rms_height,
                     "rms_slope": surface.rms_slope,
-                    "provenance": self.provenance(surface)
-                    | {"path": [*(one.load for one in contacts), contact.load]},
+                    "provenance": self.provenance(surface) | {"path": loads},
                 }
-            rise = (contact.displacement or 0.0) + sunk
-            contacts.append(contact.model_copy(update={"displacement": rise, **more}))
-            states.append(PathState(rise, contact.load, contact.area))
-        hardness, area = self.hardness or 0.0, surface.pixel_size**2
-        lost = float(np.sum(surface.heights - left.heights, dtype=np.float64))
+            sunk = top - float(left.heights.max())
+            contacts.append(contact.model_copy(update=more))
+        unit = (self.hardness or 0.0) * surface.pixel_size**2
+        lost = unit * float(np.sum(surface.heights - left.heights, dtype=np.float64))
+        states = [
+            PathState(one.displacement or 0.0, one.load, one.area) for one in contacts
+        ]
         return Loop.of(
             states,
             range(len(states)),
             contacts=tuple(contacts),
-            **wall_loop(
-                states,
-                top - float(left.heights.max()),
-                hardness * lost * area,
-                hardness * error * area,
-            ),
+            **wall_loop(states, sunk, lost, unit * error),
         )
 
     def _body(self, surface: Surface) -> Substrate:

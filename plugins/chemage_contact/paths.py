@@ -305,8 +305,9 @@ class Step:
 
 def _energy(name: str, value: float, steps: Sequence[Step]) -> Quantity:
     """With the error of what is lost in ``steps``."""
-    error = sum(step.uncertain for step in steps if step.jumps)
-    error += abs(sum(step.excess for step in steps if not step.jumps))
+    summed = [step for step in steps if not isinstance(step, Leg)]
+    error = sum(step.uncertain for step in summed if step.jumps)
+    error += abs(sum(step.excess for step in summed if not step.jumps))
     return stated(name, value, path=(error / CERTAIN, steps[0].how))
 
 
@@ -421,7 +422,6 @@ class Leg(Step):
 
     branch: Branch | None = None
     how = "closed form"
-    uncertain = excess = 0.0
 
     @classmethod
     def along(cls, branch: Branch, first: float, last: float) -> Leg:
@@ -438,8 +438,10 @@ class Leg(Step):
         ends = self.one.displacement, self.other.displacement
         return self.branch.work(*ends) if self.branch else 0.0
 
-    #: on a closed path
-    lost = work
+    @property
+    def lost(self) -> float:
+        """On a closed path."""
+        return self.work
 
     @property
     def unloaded(self) -> float:
@@ -584,7 +586,7 @@ class Follower:
         return min(step.one.load - further, *loads) - step.dip < lowest
 
     def _step(self, k: int) -> Step:
-        return Step(*self.states[k : k + 2], self.floor)
+        return Step(self.states[k], self.states[k + 1], self.floor)
 
     def _slope(self, k: int, near: int) -> float:
         """Change of the load with what is given, between two neighbours; 0 where there is none, or a jump."""

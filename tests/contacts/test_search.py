@@ -174,6 +174,19 @@ def test_check_says_what_is_sought_and_what_it_costs(command, tmp_path):
         ca.load_scene(data, {"contact.load": "3 GPa over contact", "contact.hardness": "2 GPa"})
 
 
+def test_a_tip_is_pressed_as_a_rough_surface_is(tmp_path: Path):
+    rough = ca.run(ca.load_scene("silica-patch", {"surface.pixels": 128, "hold.replicas": 1}))
+    ca.write(tmp_path / "rough.h5", rough)
+    tip = ca.load_scene("silica-tip", SOUGHT | {"contact.load": f"as {tmp_path / 'rough.h5'}"})
+    asked = f"{rough.contact.mean_contact_pressure!r} GPa over contact"
+    assert tip.todict()["contact"]["load"] == asked
+    assert tip.keys() == ca.load_scene("silica-tip", SOUGHT | {"contact.load": asked}).keys()
+    ca.write(tmp_path / "surface.h5", rough.surface)
+    for name, says in (("none.h5", "none.h5"), ("surface.h5", "or a file with a contact")):
+        with pytest.raises(ca.plugin.SceneError, match=says):
+            ca.load_scene("silica-tip", {"contact.load": f"as {tmp_path / name}"})
+
+
 def test_a_mean_over_surfaces_needs_one_load():
     data = ca.load_scene("silica-patch", {"contact.load": "2 GPa over contact"}).todict()
     with pytest.raises(InputError, match="another load on each surface"):
