@@ -246,17 +246,18 @@ class AdhesiveBEM(HalfSpaceSolver):
         others = list(self._coarsely(surface, path))
         coarse = surface.pixel_size / self._zone
         stuck = HELD["dugdale"] * coarse if self.law == "dugdale" else 0.0
-        how = "the same path on larger pixels"
         for name in found.keys() - {"jumps"}:
-            value = found[name].value
+            value, unit = found[name].value, found[name].unit
             # errors grow with the pixel, in proportion or faster
             sizes = [abs(other[name].value - value) / (k - 1) for k, other in others]
             sizes = [size for size in sizes if math.isfinite(size)]
             size = max(*sizes, stuck * abs(value)) if sizes else math.nan
-            found[name] = more_errors(found[name], pixel=(size, how))
-        again = self._pull_again(surface, path, follower)
-        how = "solved again to a hundredth of the tolerance"
-        found["pull_off"] = more_errors(found["pull_off"], iteration=(again, how))
+            bound = self.tolerance * (self.range if unit == "nm" else abs(value))
+            found[name] = more_errors(
+                found[name],
+                iteration=(bound, "the tolerance, of the value or of the range"),
+                pixel=(size, "the same path on larger pixels"),
+            )
         return Loop.of(
             follower.states,
             follower.given,
@@ -273,15 +274,6 @@ class AdhesiveBEM(HalfSpaceSolver):
             with contextlib.suppress(ChemageError):
                 follower = self.replace(coarse="note")._follow(coarse, path, offset)
                 yield k, follower.quantities(path.control)
-
-    def _pull_again(self, surface: Surface, path: Path, follower: Follower) -> float:
-        """Change of the largest pull, nN, under a smaller tolerance."""
-        state = follower.lowest
-        if path.control == "load" or state is None or state.load >= 0:
-            return 0.0
-        exact = self.replace(tolerance=max(0.01 * self.tolerance, 1e-12))
-        again, *_ = exact._from(surface, None, state.memory, follower.lowest_at)
-        return abs(again.load - state.load)
 
     def _follow(self, surface: Surface, path: Path, offset: float) -> Follower:
         """The states along a path, whose approaches are ``offset`` larger than those of this surface."""

@@ -542,9 +542,6 @@ class Follower:
     resolution: float = 0.0
     #: energy that is not resolved anywhere, nN nm
     floor: float = 0.0
-    #: the state of the largest pull, which is kept as a whole, and where it is
-    lowest: PathState | None = None
-    lowest_at: float = 0.0
 
     def follow(self, values: Sequence[float]) -> None:
         """Go on to each of the values."""
@@ -570,8 +567,6 @@ class Follower:
             self.states[-1] = last._replace(memory=None, contact=None)
         self.states.append(now)
         self.values.append(value)
-        if self.lowest is None or now.load < self.lowest.load:
-            self.lowest, self.lowest_at = now, value
         return None
 
     def _unclear(self, step: Step, width: float) -> bool:

@@ -243,3 +243,18 @@ def test_an_elastic_path_is_its_contacts():
     assert loop.dissipated.value == 0
     np.testing.assert_array_equal(loop.contacts[1].pressure, solver.solve(surface, 50.0).pressure)
     assert loop.pull_off.reason == "nothing adheres"
+
+
+@pytest.mark.parametrize(("law", "seed"), [("dugdale", 1), ("exponential", 2)])
+def test_what_a_loose_tolerance_changes_of_a_loop_is_within_its_errors(seed, law):
+    surface = ca.surface("self-affine", pixels=36, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=4, eta=2).make(seed)
+    solver = soft(law=law, range=0.5, work_of_adhesion=0.3)
+    path = [-1.5, 0.0, 0.3, 0.0, -1.5]
+    loose, exact = (solver.replace(tolerance=one, max_iterations=9000).loop(surface, path) for one in (1e-2, 1e-7))
+    for one, other in zip(loose.quantities(), exact.quantities(), strict=True):
+        if not one.known:
+            continue
+        assert set(one.errors) == {"path", "iteration", "pixel"}
+        parts = one.errors["path"].size, one.errors["iteration"].size, other.errors["path"].size
+        assert abs(one.value - other.value) <= 1.96 * math.hypot(*parts)
+        assert one.errors["iteration"].size < 0.02 * max(abs(one.value), 0.5)
