@@ -88,7 +88,7 @@ class _Contact(Stage):
     def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
         """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
         from chemage.contacts.options import nominal_pressure, normal_force
-        from chemage.contacts.search import sought_pressure
+        from chemage.contacts.role import sought_pressure
         from chemage.foundation.errors import InputError
 
         if value is None:

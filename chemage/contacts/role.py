@@ -8,18 +8,22 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from chemage.contacts.options import beyond_elasticity, normal_force
-from chemage.contacts.search import OVER, SoughtLoad, sought_pressure
-from chemage.contacts.solution import Contact, ContactSolution
+from chemage.contacts.search import OVER, SoughtLoad
+from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
+from chemage.foundation import container
 from chemage.foundation.checks import expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import kept, recording
 from chemage.foundation.progress import logged, of_plugins
 from chemage.foundation.records import merged_changes
-from chemage.foundation.units import QuantityLike
+from chemage.foundation.units import QuantityLike, convert
 from chemage.plugins import registry
 from chemage.plugins.sources import approximation_of, approximations, providers
 from chemage.surfaces.surface import Roughness, Surface
+
+#: what precedes a file of results with a contact of the mean contact pressure of a load
+AS = "as "
 
 
 class ContactSolver(Component, ABC):
@@ -211,6 +215,33 @@ class ContactSolver(Component, ABC):
 def contact(kind: str, **options: Any) -> Any:
     """A contact solver: ``chemage.contact("fft-bem", modulus="35.3 GPa").solve(surface, load="20 uN")``."""
     return registry.current().make("contact", kind, options)
+
+
+def sought_pressure(load: object) -> float | None:
+    """The mean contact pressure (GPa) in a load such as ``"3 GPa over contact"``, or ``"as rough.h5"``: of the contact
+    in a file of results; None in another load.
+
+    Raises
+    ------
+    InputError
+        It is not above zero and finite.
+    StoreError
+        There is no such file.
+    """
+    if isinstance(load, str) and load.startswith(AS):
+        kinds = {"contact": ContactSolution, "statistics": ContactStatistics}
+        found = container.read(load.removeprefix(AS), kinds)[0].values()
+        pressure = sum(contact.mean_contact_pressure for contact in found)
+    elif isinstance(load, str) and load.endswith(OVER):
+        pressure = convert(load.removesuffix(OVER), "GPa", "load")
+    else:
+        return None
+    if not 0 < pressure < math.inf:
+        problem = (
+            "must be a pressure that is finite and above zero, or a file with a contact"
+        )
+        raise InputError.of("load", load, problem, f'give "3 GPa {OVER}"')
+    return pressure
 
 
 def sphere_radius(contact: Contact) -> float | None:

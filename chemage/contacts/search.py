@@ -7,15 +7,11 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, Self, TypeVar
 
-from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
-from chemage.foundation import container
+from chemage.contacts.solution import Contact, ContactSolution
 from chemage.foundation.errors import InputError
-from chemage.foundation.units import convert
 
 #: what follows a pressure that is the mean over the contact and not over the nominal area
 OVER = "over contact"
-#: what precedes a file of results with a contact of this mean pressure
-AS = "as "
 #: relative error of the pressure to which a search is held, on few pixels half of one of them; the number of pixels that
 #: a contact of a symmetric grid may gain at once, and the largest error that these may excuse
 TOLERANCE, AT_ONCE, LARGEST = 1e-3, 8, 0.1
@@ -28,33 +24,6 @@ STEPS, LONGEST = 12, math.log(16)
 #: contacts of a search, as measured on rough surfaces
 CONTACTS = 6
 _C = TypeVar("_C", bound=Contact)
-
-
-def sought_pressure(load: object) -> float | None:
-    """The mean contact pressure (GPa) in a load such as ``"3 GPa over contact"``, or ``"as rough.h5"``: of the contact
-    in a file of results; None in another load.
-
-    Raises
-    ------
-    InputError
-        It is not above zero and finite.
-    StoreError
-        There is no such file.
-    """
-    if isinstance(load, str) and load.startswith(AS):
-        kinds = {"contact": ContactSolution, "statistics": ContactStatistics}
-        found = container.read(load.removeprefix(AS), kinds)[0].values()
-        pressure = sum(contact.mean_contact_pressure for contact in found)
-    elif isinstance(load, str) and load.endswith(OVER):
-        pressure = convert(load.removesuffix(OVER), "GPa", "load")
-    else:
-        return None
-    if not 0 < pressure < math.inf:
-        problem = (
-            "must be a pressure that is finite and above zero, or a file with a contact"
-        )
-        raise InputError.of("load", load, problem, f'give "3 GPa {OVER}"')
-    return pressure
 
 
 def crossing(excess: Callable[[float], float], x: float) -> float:

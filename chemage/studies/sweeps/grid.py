@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
-from chemage.contacts.search import sought_pressure
+from chemage.contacts.role import sought_pressure
 from chemage.contacts.theory import no_map
 from chemage.foundation.components import Component
 from chemage.foundation.container import read_json, sealed_json
