@@ -163,6 +163,8 @@ class _Contact(Stage):
             if "cpu_seconds" in numbers:
                 if isinstance(load, SoughtLoad):
                     numbers["cpu_seconds"] *= CONTACTS
+                    # two further maps
+                    numbers["bytes"] = numbers.get("bytes", 0.0) + 16 * pixels
                 numbers["cpu_seconds"] += (
                     surface.get("cpu_seconds", 0.0) + PIXEL_SECONDS * pixels
                 )

@@ -17,8 +17,9 @@ OVER = "over contact"
 TOLERANCE, AT_ONCE, LARGEST = 1e-3, 8, 0.1
 #: logarithms of loads from which the slope of the pressure is taken differ by so much: pixels are steps
 APART = 1.0
-#: how much less the slope may be than between them; so that of 72 spheres 68 have the load of Hertz in their interval
-CURVED = 1.1
+#: how much less the slope may be than between them, beside what the error of the area makes of it: so that 68 of 72
+#: spheres have the load of Hertz in their interval
+CURVED = 1.4
 #: steps until the load is bracketed, and the longest of them, of the logarithm of the load
 STEPS, LONGEST = 12, math.log(16)
 #: contacts of a search, as measured on rough surfaces
@@ -84,12 +85,13 @@ class SoughtLoad(float):
         InputError
             No contact has this pressure: the surface or the solver does not allow it, or it is left out by a jump.
         """
-        contacts: dict[float, tuple[float, _C]] = {}
-        refused, last = InputError(""), start
+        # a contact may be large: the last one and the best one are kept
+        offs: dict[float, float] = {}
+        refused, last, best = InputError(""), start, start
 
         @cache
         def excess(x: float) -> float:
-            nonlocal refused, last
+            nonlocal refused, last, best
             try:
                 # few digits, so that the load does not depend on the rounding of a library
                 last = solve(float(f"{math.exp(x):.7g}"), last)
@@ -98,16 +100,18 @@ class SoughtLoad(float):
                 refused = error
                 return 1.0
             off = math.log(max(last.mean_contact_pressure, 1e-300) / self.pressure)
-            contacts[x] = off, last
+            if abs(off) < min(map(abs, offs.values()), default=math.inf):
+                best = last
+            offs[x] = off
             return 0.0 if abs(off) <= max(TOLERANCE, 0.5 / _pixels(last)) else off
 
         at = crossing(excess, math.log(self))
-        if not contacts:
+        if not offs or best is None:
             raise refused
-        if max(contacts) - min(contacts) < APART:
+        if max(offs) - min(offs) < APART:
             excess(at - APART)
-        at = min(contacts, key=lambda x: abs(contacts[x][0]))
-        off, contact = contacts[at]
+        at, off = min(offs.items(), key=lambda one: abs(one[1]))
+        contact = best
         held = max(TOLERANCE, min(AT_ONCE / _pixels(contact), LARGEST))
         reached = contact.mean_contact_pressure
         if abs(off) > held:
@@ -118,23 +122,23 @@ class SoughtLoad(float):
             raise InputError.of("load", self.written, why, remedy)
         note = (
             f"mean contact pressure {reached:.6g} GPa ({self.pressure:.6g} GPa asked for, held to {100 * held:.2g} %) at "
-            f"a load of {contact.load:.6g} nN, found in {len(contacts)} contacts"
+            f"a load of {contact.load:.6g} nN, found in {len(offs)} contacts"
         )
         sought = {
             "mean_contact_pressure": self.pressure,
             "reached": reached,
             "tolerance": held,
             "load": contact.load,
-            "contacts": len(contacts),
+            "contacts": len(offs),
         }
         update = {
             "notes": (*contact.notes, note),
             "provenance": {**contact.provenance, "sought": sought},
         }
         if isinstance(contact, ContactSolution):
-            far = max(contacts, key=lambda x: abs(x - at))
-            there, other = contacts[far]
-            errors = _load_errors(contact, other, off, there)
+            far = max(offs, key=lambda x: abs(x - at))
+            slope = abs((offs[far] - off) / (far - at)) if far != at else 0.0
+            errors = _load_errors(contact, off, slope, abs(far - at))
             told = contact.convergence
             told = {**told, "errors": {**told.get("errors", {}), "load": errors}}
             update["convergence"] = told
@@ -142,17 +146,15 @@ class SoughtLoad(float):
 
 
 def _load_errors(
-    contact: ContactSolution, other: Any, off: float, there: float
+    contact: ContactSolution, off: float, slope: float, apart: float
 ) -> dict[str, Any]:
-    """How far the load (nN) may be, by how far the logarithm of the pressure is ``off``, and by the area; from
-    ``other``, a contact that is ``there`` off, follows how fast it grows with that of the load, and how surely."""
-    # of copies: a contact keeps what it has computed of its errors
-    area, beside = (each.model_copy().quantity("area") for each in (contact, other))
-    apart = math.log(other.load / contact.load)
-    if not apart or there == off or not 0 < area.low < area.high:
+    """How far the load (nN) may be, by how far the logarithm of the pressure is ``off``, and by the area, where the
+    pressure grows with a ``slope``, known from contacts whose logarithms of loads are so far ``apart``."""
+    # of a copy: a contact keeps what it has computed of its errors
+    area = contact.model_copy().quantity("area")
+    if not slope or not 0 < area.low < area.high:
         return {"search": None, "area": None}
-    slope = abs((there - off) / apart)
-    unsure = math.hypot(area.relative, beside.relative) / abs(apart)
+    unsure = math.sqrt(2) * area.relative / apart
     power = min((CURVED + 2 * unsure / slope) / slope, 99.0)
     search, *ends = (
         contact.load * (ratio**power - 1)
