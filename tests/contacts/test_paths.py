@@ -146,7 +146,7 @@ def test_a_hertz_cycle_loses_nothing():
 # -- boundary elements ------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("points", [5, 11])
+@pytest.mark.parametrize("points", [5, pytest.param(11, marks=pytest.mark.long)])
 def test_any_number_of_points_gives_pull_off_within_its_error(points):
     """Tabor's parameter 0.7, Maugis' sphere."""
     maugis, tip = jkr("maugis", range=0.1), sphere(40, 0.25)

@@ -387,7 +387,7 @@ def test_the_scatter_is_named_by_what_the_seed_draws(own, between):
     shown = result_of(mean)
     rows = dict(shown.rows())
     assert rows["mean over"].startswith(f"3 random {between}: 64 x 64 pixels")
-    assert f"error of β: scatter between {between}" in rows
+    assert f"scatter of β between {between}" in rows
     assert f"include the scatter between {between}" in shown.errors
 
 

@@ -168,6 +168,7 @@ EXPECTED_FAILURES: dict[tuple[str, str, str], str] = {
 #: (role, kind, number) of options of which others are checked at once, or their parts are
 SECOND = {
     ("surface", "roughened", 0),
+    ("surface", "roughened", 1),
     ("contact", "adhesive-bem", 0),
     ("contact", "adhesive-bem", 1),
     # the kinetics of these is compared with the master equation elsewhere too
