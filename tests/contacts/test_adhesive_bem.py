@@ -70,6 +70,23 @@ def test_pressure_attraction_and_elastic_displacement_are_in_balance(seed, start
     assert contact.carried == pytest.approx(load_of(surface), rel=1e-9)
 
 
+@pytest.mark.parametrize("start", ["apart", "contact"])
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+def test_coarse_grids_change_no_equilibrium(law, start):
+    """Which of several is reached, over random surfaces, zones of cohesion and loads. Rims of a Dugdale zone stick to
+    single pixels: of 120 contacts three differ, by at most a quarter of a percent of their area."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        surface = rough(seed, 128, float(10 ** rng.uniform(-2, -0.5)))
+        reach = float(surface.rms_height * 10 ** rng.uniform(-1, 0.3))
+        work = float(10 ** rng.uniform(-2, -0.4)) * E * reach**2 / surface.pixel_size
+        solver = bem(work_of_adhesion=work, range=reach, law=law, start=start, tolerance=1e-5, max_iterations=5000)
+        load = load_of(surface, float(10 ** rng.uniform(-4, -1)))
+        one, other = (solver.replace(levels=levels)._from(surface, load, None)[0] for levels in (None, 1))
+        allowed = sum(contact.errors["area"]["iteration"][1] for contact in (one, other))
+        assert abs(one.area - other.area) <= allowed + 0.003 * other.area, (seed, one.area, other.area)
+
+
 def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
     surface = rough(slope=0.05)
     loads = [load_of(surface, 0.02), 0.0, -load_of(surface, 0.002)]
@@ -92,11 +109,11 @@ def test_a_cycle_loses_what_maugis_predicts():
     found = solver.loop(surface, [-0.2, 0.1, -0.2])
     expected = maugis.loop(surface, [-0.2, 0.1, -0.2])
     for one, other in zip(found.quantities(), expected.quantities(), strict=True):
-        assert abs(one.value - other.value) < one.half_width, one.name
-    # too large in proportion to the pixel, by 0.14 of it in units of E*ρ²/w (measured 5.5, 3.9, 2.7 and 2.3 % at pixels
-    # of 0.06, 0.043, 0.03 and 0.025 nm)
+        if other.known:
+            assert abs(one.value - other.value) < one.half_width, one.name
+    # too large in proportion to the pixel, by 0.02 of it in units of E*ρ²/w
     pixel = 0.043 * work / (E * reach**2)
-    assert expected.pull_off.value < found.pull_off.value < (1 + 0.16 * pixel) * expected.pull_off.value
+    assert expected.pull_off.value < found.pull_off.value < (1 + 0.03 * pixel) * expected.pull_off.value
 
 
 def test_a_cycle_of_long_range_loses_nothing():

@@ -40,7 +40,7 @@ def test_adhesion_states_the_error_of_its_pressure_and_not_its_residual(law, tol
 
 @pytest.mark.parametrize("start", ["apart", "contact"])
 def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
-    """Dugdale's law at Tabor's parameter 2.4, pixels of 0.45 of the zone, no load: 3 to 4 % off from either side."""
+    """Dugdale's law at Tabor's parameter 2.4, pixels of 0.45 of the zone, no load."""
     radius, work = 30.0, 0.1
     reach = (radius * work**2 / E**2 / 2.4**3) ** (1 / 3)
     size = 0.45 * E * reach**2 / work
@@ -57,7 +57,7 @@ def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
 def test_of_two_contacts_under_one_load_each_names_the_other():
     surface = ca.surface("sphere", radius=10, pixels=140, pixel_size=0.04).make()
     options = {"range": 0.036, "work_of_adhesion": 0.3, "law": "dugdale"}
-    apart, touching = (bem(start=start, **options).solve(surface, -3.0) for start in ("apart", "contact"))
+    apart, touching = (bem(start=start, **options).solve(surface, -6.0) for start in ("apart", "contact"))
     assert apart.area != touching.area
     branch = apart.errors["area"]["branch"]
     assert max(branch) == pytest.approx(abs(touching.area - apart.area), rel=0.05)
