@@ -257,14 +257,13 @@ class Adhesive:
         self.history.append(min(here.error, 1e300))
         size, ds, restart, before_excess = 0.0, 0.0, True, 0.0
         weight = np.empty(0)
-        goal, reached = tolerance, None
+        reached = None
         while self.iterations < limit:
-            if here.error <= goal:
-                if reached is not None:
-                    break
-                reached, goal = here, FINER * tolerance
+            if reached is None and here.error <= tolerance:
+                reached = here
                 limit = self.iterations + max(LEAST, int(MORE * self.iterations))
-                continue
+            if here.error <= FINER * tolerance and max(self.history[-3:]) <= tolerance:
+                break
             self.iterations += 1
             if (self.iterations - 1) % SETTLED == 0:
                 weight = self.weight(here)

@@ -154,3 +154,23 @@ def test_who_has_started_in_contact_is_not_told_to(start):
     with pytest.raises(InputError, match="pull-off") as caught:
         bem(start=start, work_of_adhesion=0.05, range=0.2).solve(surface, -0.99 * 2 * math.pi * 0.05 * 10)
     assert ("start = 'contact'" in str(caught.value).partition("give")[2]) == (start == "apart")
+
+
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+def test_an_adhesive_pressure_is_as_far_from_its_limit_as_stated(law):
+    """At a large tolerance, near jumps too. Of 198 contacts of ``contact_errors.py`` one is beyond twice the stated error:
+    0.14 instead of 0.003, at a tolerance of 1e-3, 500 iterations before it goes on to another equilibrium."""
+    ratios = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        surface = rough(seed, 40, rms_slope=float(10 ** rng.uniform(-2, -0.3)))
+        work = float(10 ** rng.uniform(-2.5, -0.5))
+        reach = math.sqrt(surface.pixel_size * work / E / float(10 ** rng.uniform(-1, -0.31)))
+        solver = bem(law=law, work_of_adhesion=work, range=reach, tolerance=1e-3, on_failure="return")
+        load = float(rng.random() < 0.5) * 1e-3 * E * surface.rms_slope * surface.nominal_area
+        contact = solver.solve(surface, load)
+        limit = solver.replace(tolerance=1e-7, max_iterations=8000).solve(surface, load).pressure
+        error = np.linalg.norm(contact.pressure - limit) / np.linalg.norm(contact.pressure)
+        ratios.append(error / (contact.convergence["pressure_error"] + 1e-6))
+    assert sorted(ratios)[-2] < 2
+    assert max(ratios) < 10
