@@ -100,6 +100,12 @@ class Adhesive:
         self.shape, self.padded = body.shape, body.padded
         self.periodic, self.unit = body.periodic, body.unit
         symbol = body.symbol() / body.unit
+        #: displacement under the mean pressure of a layer on a rigid base
+        self.uniform = (pressure or 0.0) * float(symbol[0, 0]) * self.periodic
+        #: whether the mean plane of the body is the reference, so that a uniform displacement costs nothing
+        self.floating = self.periodic and (pressure is not None or not symbol[0, 0])
+        if self.floating:
+            symbol[0, 0] = 0.0
         if self.periodic:
             self.stiffness = np.divide(
                 1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0
@@ -109,7 +115,7 @@ class Adhesive:
                 symbol, 1e-6 * float(symbol.max()) / max(self.padded)
             )
         least = self.stiffness.ravel()[1:].min() if self.stiffness.size > 1 else 1.0
-        level = LEVEL * least if self.periodic else 0.0
+        level = LEVEL * least if self.floating else 0.0
         self.inverse = (1.0 / np.hypot(self.stiffness, level)).astype(np.float32)
         #: of a rigid body of the size of the grid
         self.punch = math.sqrt(math.prod(self.shape))
@@ -166,7 +172,7 @@ class Adhesive:
             where=self.stiffness > 0,
         )
         x = self.backward(self.forward(x), symbol)
-        if self.periodic:
+        if self.floating:
             x += level - float(x.mean())
         gap = x[:nx, :ny]
         gap -= self.h + rise
@@ -179,7 +185,7 @@ class Adhesive:
         nx, ny = self.shape
         x = x.copy()
         inside = x[:nx, :ny]
-        if not self.periodic:
+        if not self.floating:
             np.maximum(inside - (approach - rise), 0.0, out=inside)
             return x, approach
         wanted = -float(self.h.mean()) - approach
@@ -206,7 +212,7 @@ class Adhesive:
         u = np.empty(self.padded)
         self.team.run(cohesion.displaced, self.padded[0], x, self.h, rise, u)
         p = self.backward(self.forward(u), self.stiffness)
-        free = not self.periodic
+        free = not self.floating
         mean = 0.0 if free or self.pressure is None else self.pressure
         if not free and self.pressure is None:
             total, count = self.sums(cohesion.balance, 2, x, p, self.law, self.shape)
@@ -273,7 +279,7 @@ class Adhesive:
             shift = here.open_sum
             rz, bz, zs = self.sums(cohesion.products, 3, here.r, before, z, shift)
             level = (
-                zs / here.open_count if self.periodic and self.pressure is None else 0.0
+                zs / here.open_count if self.floating and self.pressure is None else 0.0
             )
             pull = here.excess / self.punch
             now = rz + here.excess * pull
@@ -321,12 +327,13 @@ class Adhesive:
         nx, ny = self.shape
         gaps = (
             float(here.x[:nx, :ny].sum())
-            if self.periodic
+            if self.floating
             else -here.rise * math.prod(self.shape)
         )
         work = (self.pressure or 0.0) * gaps
         energy = here.energy - work
-        return energy, 0.5 * (energy - (here.terms - abs(work)))
+        mean = 0.5 * self.uniform * (self.pressure or 0.0) * math.prod(self.shape)
+        return energy + mean, 0.5 * (energy - (here.terms - abs(work)))
 
     def step(self, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
         """The lowest point along the direction; None if none is lower."""
@@ -353,7 +360,7 @@ class Adhesive:
         for _ in range(HALVINGS):
             out = np.empty_like(x)
             total, count = self.sums(cohesion.move, 2, x, d, length, 0.0, shape, out)
-            if self.periodic and self.pressure is None:
+            if self.floating and self.pressure is None:
                 self._levelled(x, d, length, total, count, out)
             there = self.evaluate(out, here.rise + length * ds)
             if there.energy <= here.energy + ROUNDING * (here.terms + there.terms):

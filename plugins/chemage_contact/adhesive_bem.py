@@ -15,9 +15,9 @@ from chemage.plugin import ConvergenceError, Length, Quantity, Unit, convert, th
 from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
 from chemage_contact._grid import grids, resampled
-from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
-from chemage_contact._solvers import GRID, HalfSpaceSolver, tabor
-from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
+from chemage_contact._operators import Substrate, Team
+from chemage_contact._solvers import GRID, tabor
+from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM, GridSolver
 from chemage_contact.paths import Follower, Loop, Path, PathState, coarser, more_errors
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
@@ -62,7 +62,7 @@ class PartedError(InputError):
     """No contact bears the load."""
 
 
-class AdhesiveBEM(HalfSpaceSolver):
+class AdhesiveBEM(GridSolver):
     """Frictionless contact of a rigid surface with a flat elastic body that attracts it, at a given load.
 
     The surfaces do not overlap, and attract each other with the energy φ(g) per area at a gap g: ``exponential``,
@@ -85,7 +85,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     kind = "adhesive-bem"
     adheres = True
     implemented_properties = ("pressure", "gap", "displacement")
-    later = ("levels",)
+    later = ("levels", "thickness", "substrate")
     speed_only = ("threads",)
     trade = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
     cite = (
@@ -107,20 +107,10 @@ class AdhesiveBEM(HalfSpaceSolver):
     everywhere"""
     tolerance: float = Field(default=1e-4, ge=1e-12, lt=1, allow_inf_nan=False)
     """largest stress out of balance, relative to the pressure (L2 norms)"""
-    boundary: Literal["auto", "periodic", "free"] = "auto"
-    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
-    levels: int | None = Field(default=None, ge=1)
-    """number of grids in the coarse-to-fine start; 1: the given grid only; default: chosen automatically"""
     coarse: Literal["refuse", "note"] = "refuse"
     """pixels too large for the zone of cohesion: an error, or a note in the result"""
     max_iterations: int = Field(default=2000, ge=0)
     """largest number of iterations"""
-    on_failure: Literal["raise", "return"] = "raise"
-    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
-    gap: bool = False
-    """whether the solution contains the gap (memory and file size double)"""
-    threads: int | None = Field(default=None, ge=1)
-    """threads of one solve; default: all processors available to this process"""
 
     def reference(self) -> AdhesiveBEM:
         """At a tolerance of 1e-8."""
@@ -177,11 +167,8 @@ class AdhesiveBEM(HalfSpaceSolver):
 
     def _plain(self) -> FFTBEM:
         """The contact without attraction."""
-        options = {
-            "modulus": self.modulus,
-            "boundary": self.boundary,
-            "threads": self.threads,
-        }
+        shared = GridSolver.model_fields.keys() - {"on_failure", "gap", "levels"}
+        options = {name: getattr(self, name) for name in shared}
         return FFTBEM(tolerance=1e-3, on_failure="return", **options)
 
     @property
@@ -348,10 +335,8 @@ class AdhesiveBEM(HalfSpaceSolver):
         coarse = self._unresolved(size)
         heights = surface.heights.astype(np.float64)
         heights -= heights.max()
-        flat = self.is_nominally_flat(surface.periodic)
-        body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(
-            surface.shape, (size, size)
-        )
+        self.check_layer(surface.nominal_area, size)
+        body = self.body(surface)
         if load is not None and not math.isfinite(
             load / surface.nominal_area / modulus
         ):
@@ -364,7 +349,7 @@ class AdhesiveBEM(HalfSpaceSolver):
         with Team(self.threads or threads.available()) as team:
             problem = self._problem(body, heights, pressure, approach, team)
             if approach is not None:
-                if flat and not approach < -heights.mean():
+                if problem.floating and not approach < -heights.mean():
                     raise InputError.of(
                         "displacement",
                         f"{approach:g} nm",
@@ -397,9 +382,9 @@ class AdhesiveBEM(HalfSpaceSolver):
     def _approach(self, problem: Adhesive, found: Iterate) -> float:
         """The approach since first touch, in pixels."""
         nx, ny = problem.shape
-        if not problem.periodic:
+        if not problem.floating:
             return found.rise
-        return -float(problem.h.mean()) - float(found.x[:nx, :ny].mean())
+        return problem.uniform - float((problem.h + found.x[:nx, :ny]).mean())
 
     def _pixels(self, size: float, pressure: np.ndarray) -> dict[str, float]:
         """How many times the errors of pixels of ``size`` nm are those without attraction, and the part of the area by
