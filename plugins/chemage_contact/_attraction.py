@@ -8,8 +8,10 @@ several minima, between which real contacts jump; the one that is found is below
   projected onto g ≥ 0: R. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29
   (2018); V. Rey, G. Anciaux, J.-F. Molinari, Comput. Mech. 60, 69 (2017). No step raises the energy.
 * Preconditioner: the symbol itself restricted to the working set, levelled at wavelengths beyond the distance of
-  contacts.
-* The step along a direction is exact for the elastic energy (Parseval) and found by Newton's method for the attraction.
+  contacts, and weighted by the distance from them; in single precision.
+* The step along a direction is exact for the elastic energy (Parseval) and found by Newton's method for the attraction;
+  one whose stress jumps is replaced by its tangents, which lie above it.
+* It starts from the traction on a coarser grid.
 * An isolated contact is padded to the grid of its Green's function, on which the displacement beyond the surface is
   unknown too, and free of traction; its approach is one more unknown where the load is given.
 
@@ -25,17 +27,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft as sfft
+from scipy.ndimage import distance_transform_cdt
 
 from chemage import InputError
 
 from . import _cohesion as cohesion
 from . import _kernels as kernels
 from ._cohesion import CohesiveLaw
+from ._grid import resampled
 from ._operators import Substrate, Team
 
 Array = NDArray[Any]
 #: wave number up to which the preconditioner is levelled, in those of the side of the grid
 LEVEL = 3.0
+#: distance from the contact, in pixels, at which it halves the response to a stress; iterations after which it is measured
+#: again
+EDGE, SETTLED = 2.0, 10
 #: steps of Newton's method along a direction, and the part of the slope at which they end
 NEWTON, FLAT = 4, 0.1
 #: times that a step which raises the energy is halved
@@ -57,7 +64,6 @@ class Iterate:
 
     x: Array
     rise: float
-    spectrum: Array
     p: Array
     mean: float
     r: Array
@@ -69,8 +75,6 @@ class Iterate:
     open_sum: float
     open_count: float
     contact: float
-    fresh: bool
-    """whether the spectrum is the transform of the unknown itself"""
 
 
 class Adhesive:
@@ -94,8 +98,14 @@ class Adhesive:
             team,
         )
         self.shape, self.padded = body.shape, body.padded
-        self.periodic = body.periodic
+        self.periodic, self.unit = body.periodic, body.unit
         symbol = body.symbol() / body.unit
+        #: displacement under the mean pressure of a layer on a rigid base
+        self.uniform = (pressure or 0.0) * float(symbol[0, 0]) * self.periodic
+        #: whether the mean plane of the body is the reference, so that a uniform displacement costs nothing
+        self.floating = self.periodic and (pressure is not None or not symbol[0, 0])
+        if self.floating:
+            symbol[0, 0] = 0.0
         if self.periodic:
             self.stiffness = np.divide(
                 1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0
@@ -105,12 +115,8 @@ class Adhesive:
                 symbol, 1e-6 * float(symbol.max()) / max(self.padded)
             )
         least = self.stiffness.ravel()[1:].min() if self.stiffness.size > 1 else 1.0
-        level = LEVEL * least if self.periodic else 0.0
-        self.inverse = (
-            1.0 / np.sqrt(self.stiffness**2 + level**2)
-            if self.periodic
-            else 1.0 / self.stiffness
-        )
+        level = LEVEL * least if self.floating else 0.0
+        self.inverse = (1.0 / np.hypot(self.stiffness, level)).astype(np.float32)
         #: of a rigid body of the size of the grid
         self.punch = math.sqrt(math.prod(self.shape))
         self.transforms = self.iterations = 0
@@ -136,10 +142,42 @@ class Adhesive:
             self.team.table(kernel, self.padded[0], columns, *args).sum(axis=0).tolist()
         )
 
-    def spectrum(self, x: Array, rise: float) -> Array:
-        u = np.empty(self.padded)
-        self.team.run(cohesion.displaced, self.padded[0], x, self.h, rise, u)
-        return self.forward(u)
+    def undeformed(self) -> tuple[Array, float]:
+        """Bodies that just touch."""
+        x = np.zeros(self.padded)
+        x[: self.shape[0], : self.shape[1]] = -self.h
+        return x, 0.0
+
+    def refined(
+        self, coarse: Adhesive, found: Iterate, closed: float
+    ) -> tuple[Array, float]:
+        """The unknown and the approach that follow from the traction on a coarser grid; pixels of which more than the
+        part ``closed`` touches there touch."""
+        nx, ny = coarse.shape
+        ratio = coarse.unit / self.unit
+        traction = np.ascontiguousarray(found.p[:nx, :ny]) + found.mean
+        contact = (found.x[:nx, :ny] <= 0).astype(np.float64)
+        level = float((found.x[:nx, :ny] + coarse.h).mean()) * ratio
+        p, touching = (
+            resampled(field, self.shape, np.float64, self.periodic, self.team)
+            for field in (traction, contact)
+        )
+        x, rise = np.zeros(self.padded), ratio * found.rise
+        nx, ny = self.shape
+        x[:nx, :ny] = p
+        symbol = np.divide(
+            1.0,
+            self.stiffness,
+            out=np.zeros_like(self.stiffness),
+            where=self.stiffness > 0,
+        )
+        x = self.backward(self.forward(x), symbol)
+        if self.floating:
+            x += level - float(x.mean())
+        gap = x[:nx, :ny]
+        gap -= self.h + rise
+        gap[(touching > closed) | (gap < 0)] = 0.0
+        return x, rise
 
     def placed(self, x: Array, rise: float, approach: float) -> tuple[Array, float]:
         """The surfaces of ``x`` and ``rise`` moved to another ``approach`` with the elastic body as it is, but not into
@@ -147,7 +185,7 @@ class Adhesive:
         nx, ny = self.shape
         x = x.copy()
         inside = x[:nx, :ny]
-        if not self.periodic:
+        if not self.floating:
             np.maximum(inside - (approach - rise), 0.0, out=inside)
             return x, approach
         wanted = -float(self.h.mean()) - approach
@@ -169,13 +207,12 @@ class Adhesive:
         np.maximum(inside - 0.5 * (low + high), 0.0, out=inside)
         return x, 0.0
 
-    def evaluate(self, x: Array, rise: float, spectrum: Array | None = None) -> Iterate:
-        """Traction, gradient and energy at ``x``, whose ``spectrum`` may be known."""
-        fresh = spectrum is None
-        if spectrum is None:
-            spectrum = self.spectrum(x, rise)
-        p = self.backward(spectrum.copy(), self.stiffness)
-        free = not self.periodic
+    def evaluate(self, x: Array, rise: float) -> Iterate:
+        """Traction, gradient and energy at ``x``."""
+        u = np.empty(self.padded)
+        self.team.run(cohesion.displaced, self.padded[0], x, self.h, rise, u)
+        p = self.backward(self.forward(u), self.stiffness)
+        free = not self.floating
         mean = 0.0 if free or self.pressure is None else self.pressure
         if not free and self.pressure is None:
             total, count = self.sums(cohesion.balance, 2, x, p, self.law, self.shape)
@@ -204,7 +241,6 @@ class Adhesive:
         return Iterate(
             x,
             rise,
-            spectrum,
             p,
             mean,
             r,
@@ -215,7 +251,6 @@ class Adhesive:
             shift,
             count,
             contact,
-            fresh,
         )
 
     def minimise(self, x: Array, rise: float, tolerance: float, limit: int) -> Iterate:
@@ -227,24 +262,24 @@ class Adhesive:
         d, before = np.zeros(self.padded), np.zeros(self.padded)
         self.history.append(min(here.error, 1e300))
         size, ds, restart, before_excess = 0.0, 0.0, True, 0.0
-        goal, reached = tolerance, None
+        weight = np.empty(0)
+        reached = None
         while self.iterations < limit:
-            if here.error <= goal:
-                if not here.fresh:
-                    # the spectrum was a sum of those of the steps
-                    here = self.evaluate(here.x, here.rise)
-                    continue
-                if reached is not None:
-                    break
-                reached, goal = here, FINER * tolerance
+            if reached is None and here.error <= tolerance:
+                reached = here
                 limit = self.iterations + max(LEAST, int(MORE * self.iterations))
-                continue
+            if here.error <= FINER * tolerance and max(self.history[-3:]) <= tolerance:
+                break
             self.iterations += 1
-            z = self.backward(self.forward(here.r), self.inverse)
+            if (self.iterations - 1) % SETTLED == 0:
+                weight = self.weight(here)
+            z = np.multiply(here.r, weight, dtype=np.float32)
+            z = self.backward(self.forward(z), self.inverse)
+            z *= weight
             shift = here.open_sum
             rz, bz, zs = self.sums(cohesion.products, 3, here.r, before, z, shift)
             level = (
-                zs / here.open_count if self.periodic and self.pressure is None else 0.0
+                zs / here.open_count if self.floating and self.pressure is None else 0.0
             )
             pull = here.excess / self.punch
             now = rz + here.excess * pull
@@ -274,30 +309,38 @@ class Adhesive:
                 break
         if reached is None:
             return here
-        if not here.fresh:
-            here = self.evaluate(here.x, here.rise)
         self.ends = reached, here
         return here if here.error <= tolerance or self.parted(here) else reached
+
+    def weight(self, here: Iterate) -> Array:
+        """What directions are weighted by near the contact, at whose edge the response to a stress vanishes as the root
+        of the distance."""
+        touching = here.r == 0.0
+        if not touching.any():
+            return np.ones_like(here.r, np.float32)
+        distance = np.asarray(distance_transform_cdt(~touching), np.float32)
+        np.maximum(distance, 1.0, out=distance)
+        return np.sqrt(distance / (distance + EDGE))
 
     def energies(self, here: Iterate) -> tuple[float, float]:
         """Elastic energy and that of the attraction, and the latter alone (≤ 0)."""
         nx, ny = self.shape
         gaps = (
             float(here.x[:nx, :ny].sum())
-            if self.periodic
+            if self.floating
             else -here.rise * math.prod(self.shape)
         )
         work = (self.pressure or 0.0) * gaps
         energy = here.energy - work
-        return energy, 0.5 * (energy - (here.terms - abs(work)))
+        mean = 0.5 * self.uniform * (self.pressure or 0.0) * math.prod(self.shape)
+        return energy + mean, 0.5 * (energy - (here.terms - abs(work)))
 
     def step(self, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
         """The lowest point along the direction; None if none is lower."""
         if not slope < 0:
             return None
-        whole = d
+        whole = d.astype(np.float32)
         if ds:
-            whole = d.copy()
             whole[: self.shape[0], : self.shape[1]] += ds
         spectrum = self.forward(whole)
         part = self.team.table(
@@ -310,38 +353,44 @@ class Adhesive:
         )
         curvature = float(part.sum()) / math.prod(self.padded)
         x, law, shape = here.x, self.law, self.shape
-        change, second = self.sums(cohesion.along, 2, x, d, 0.0, law, shape)
+        length = -slope / (curvature or -slope)
+        # a step beyond that of the tangents to a stress that jumps passes equilibria
+        if law.exponential:
+            length = self._newton(x, d, slope, curvature)
+        for _ in range(HALVINGS):
+            out = np.empty_like(x)
+            total, count = self.sums(cohesion.move, 2, x, d, length, 0.0, shape, out)
+            if self.floating and self.pressure is None:
+                self._levelled(x, d, length, total, count, out)
+            there = self.evaluate(out, here.rise + length * ds)
+            if there.energy <= here.energy + ROUNDING * (here.terms + there.terms):
+                return there
+            length *= 0.5
+        return None
+
+    def _newton(self, x: Array, d: Array, slope: float, curvature: float) -> float:
+        """The length of a step to the lowest point along a direction."""
+        law, shape = self.law, self.shape
+        base, second = self.sums(cohesion.along, 2, x, d, 0.0, law, shape)
         length = -slope / (
             curvature + second
             if curvature + second > 0.1 * curvature
             else curvature or -slope
         )
         for _ in range(NEWTON):
-            change, second = self.sums(cohesion.along, 2, x, d, length, law, shape)
-            rest = slope + length * curvature + change
+            stress, second = self.sums(cohesion.along, 2, x, d, length, law, shape)
+            rest = slope + length * curvature + stress - base
             if abs(rest) <= -FLAT * slope:
                 break
             bend = curvature + second
             length = length - rest / bend if bend > 0.1 * curvature else 2.0 * length
             length = max(length, 0.0) or -slope / (curvature or 1.0)
-        for _ in range(HALVINGS):
-            out, shifted = np.empty_like(x), 0.0
-            stopped, total, count = self.sums(
-                cohesion.move, 3, x, d, length, 0.0, shape, out
-            )
-            if self.periodic and self.pressure is None:
-                out, shifted = self._levelled(x, d, length, total, count, out)
-            new = None if stopped or shifted else here.spectrum + length * spectrum
-            there = self.evaluate(out, here.rise + length * ds, new)
-            if there.energy <= here.energy + ROUNDING * (here.terms + there.terms):
-                return there
-            length *= 0.5
-        return None
+        return length
 
     def _levelled(
         self, x: Array, d: Array, length: float, total: float, count: float, out: Array
-    ) -> tuple[Array, float]:
-        """The step with a shift of the open pixels that keeps the mean gap of a given approach."""
+    ) -> None:
+        """Shift the open pixels of the step ``out`` so that it keeps the mean gap of a given approach."""
         wanted = (self.given_approach or 0.0) + float(self.h.mean())
         wanted = -wanted * math.prod(self.shape)
         shift = 0.0
@@ -350,10 +399,9 @@ class Adhesive:
             if abs(excess) <= 1e-13 * abs(wanted) or not count:
                 break
             shift += excess / count
-            _, total, count = self.sums(
-                cohesion.move, 3, x, d, length, shift, self.shape, out
+            total, count = self.sums(
+                cohesion.move, 2, x, d, length, shift, self.shape, out
             )
-        return out, shift
 
     def parted(self, here: Iterate) -> bool:
         """Whether a pull has parted the surfaces: no contact, and next to no attraction left."""

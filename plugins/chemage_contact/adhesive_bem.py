@@ -14,15 +14,19 @@ from chemage import ChemageError, ContactSolution, InputError, Surface
 from chemage.plugin import ConvergenceError, Length, Unit, convert, threads
 from chemage_contact._attraction import Adhesive, Iterate
 from chemage_contact._cohesion import CohesiveLaw
-from chemage_contact._operators import FreeHalfSpace, PeriodicHalfSpace, Substrate, Team
-from chemage_contact._solvers import GRID, HalfSpaceSolver, tabor
-from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM
+from chemage_contact._grid import grids, resampled
+from chemage_contact._operators import Substrate, Team
+from chemage_contact._solvers import GRID, tabor
+from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM, GridSolver
 from chemage_contact.paths import Follower, Loop, Path, PathState, coarser, more_errors
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
-#: tolerance of the contact without attraction from which the iteration starts
-START_TOLERANCE = 1e-3
+#: tolerance on coarse grids, which is gone below tenfold, and iterations
+COARSE_TOLERANCE, COARSE_ITERATIONS = 0.1, 30
+#: a pixel is closed first if coarse ones around it are in so much of it, from surfaces apart: the start must not be beyond
+#: the equilibrium; else if they are in the rest
+CLOSED = 0.99
 #: attraction on the outermost pixels of a free surface that is noted, of the largest
 AT_EDGE = 1e-2
 #: pixels of the padded grid up to which the contact is solved from the other side, too, and the tolerance of that
@@ -31,7 +35,8 @@ BOTH_SIDES, OTHER_TOLERANCE = 1 << 17, 1e-3
 #: cohesion; calibrated (``tests/benchmarks/contact_errors.py intervals``)
 RIM = 2.0, 4.0
 #: the part of the work of adhesion by which the rim is held, over the same: that of the pull-off force of spheres, measured
-#: where that is no small ratio: then larger pixels stick no more
+#: where that is no small ratio: then larger pixels stick no more. Of Dugdale's law it is 0.02; the rest is for the length
+#: over which its stress falls
 HELD = {"dugdale": 0.14, "exponential": 0.01}
 #: share of the largest attraction that is none: where a path ends that parts the surfaces
 GONE = 1e-3
@@ -57,11 +62,11 @@ class PartedError(InputError):
     """No contact bears the load."""
 
 
-class AdhesiveBEM(HalfSpaceSolver):
+class AdhesiveBEM(GridSolver):
     """Frictionless contact of a rigid surface with a flat elastic body that attracts it, at a given load.
 
     The surfaces do not overlap, and attract each other with the energy φ(g) per area at a gap g: ``exponential``,
-    φ = −w exp(−g/ρ), or ``dugdale``, a constant stress w/ρ up to the gap ρ (over one elastic deformation of a pixel it
+    φ = −w exp(−g/ρ), or ``dugdale``, a constant stress w/ρ up to the gap ρ (over two elastic deformations of a pixel it
     falls to zero linearly, which keeps w). In contact are the pixels of zero gap. The pressure is the net one: elastic
     restoring stress, negative where attraction prevails, outside the contact too.
 
@@ -80,6 +85,7 @@ class AdhesiveBEM(HalfSpaceSolver):
     kind = "adhesive-bem"
     adheres = True
     implemented_properties = ("pressure", "gap", "displacement")
+    later = ("levels", "thickness", "substrate")
     speed_only = ("threads",)
     trade = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
     cite = (
@@ -101,18 +107,10 @@ class AdhesiveBEM(HalfSpaceSolver):
     everywhere"""
     tolerance: float = Field(default=1e-4, ge=1e-12, lt=1, allow_inf_nan=False)
     """largest stress out of balance, relative to the pressure (L2 norms)"""
-    boundary: Literal["auto", "periodic", "free"] = "auto"
-    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
     coarse: Literal["refuse", "note"] = "refuse"
     """pixels too large for the zone of cohesion: an error, or a note in the result"""
     max_iterations: int = Field(default=2000, ge=0)
     """largest number of iterations"""
-    on_failure: Literal["raise", "return"] = "raise"
-    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
-    gap: bool = False
-    """whether the solution contains the gap (memory and file size double)"""
-    threads: int | None = Field(default=None, ge=1)
-    """threads of one solve; default: all processors available to this process"""
 
     def reference(self) -> AdhesiveBEM:
         """At a tolerance of 1e-8."""
@@ -131,7 +129,7 @@ class AdhesiveBEM(HalfSpaceSolver):
         )
         # the rest is for kernels that a first run compiles (`tests/benchmarks/memory.py`)
         estimate["bytes"] = max(estimate["bytes"], 150.0 * padded) + 3e7
-        estimate["cpu_seconds"] += 0.05 + 3e-6 * padded * max(
+        estimate["cpu_seconds"] += 0.05 + 1e-6 * padded * max(
             1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4)
         )
         estimate.pop("gap_bytes", None)
@@ -169,14 +167,9 @@ class AdhesiveBEM(HalfSpaceSolver):
 
     def _plain(self) -> FFTBEM:
         """The contact without attraction."""
-        options = {
-            "modulus": self.modulus,
-            "boundary": self.boundary,
-            "threads": self.threads,
-        }
-        return FFTBEM(
-            tolerance=START_TOLERANCE, gap=True, on_failure="return", **options
-        )
+        shared = GridSolver.model_fields.keys() - {"on_failure", "gap", "levels"}
+        options = {name: getattr(self, name) for name in shared}
+        return FFTBEM(tolerance=1e-3, on_failure="return", **options)
 
     @property
     def _zone(self) -> float:
@@ -244,14 +237,15 @@ class AdhesiveBEM(HalfSpaceSolver):
         follower = self._follow(surface, path, 0.0)
         found = follower.quantities(path.control)
         others = list(self._coarsely(surface, path))
-        coarse = surface.pixel_size / self._zone
-        stuck = HELD["dugdale"] * coarse if self.law == "dugdale" else 0.0
+        # over which a stress that jumps is spread
+        ramp = surface.pixel_size / self._zone if self.law == "dugdale" else 0.0
         for name in found.keys() - {"jumps"}:
             value, unit = found[name].value, found[name].unit
             # errors grow with the pixel, in proportion or faster
             sizes = [abs(other[name].value - value) / (k - 1) for k, other in others]
             sizes = [size for size in sizes if math.isfinite(size)]
-            size = max(*sizes, stuck * abs(value)) if sizes else math.nan
+            held = self.range if unit == "nm" else HELD["dugdale"] * abs(value)
+            size = max(*sizes, ramp * held) if sizes else math.nan
             bound = self.tolerance * (self.range if unit == "nm" else abs(value))
             found[name] = more_errors(
                 found[name],
@@ -321,15 +315,9 @@ class AdhesiveBEM(HalfSpaceSolver):
         size, modulus = surface.pixel_size, self.modulus
         coarse = self._unresolved(size)
         heights = surface.heights.astype(np.float64)
-        heights = (heights - heights.max()) / size
-        pixel = (size, size)
-        flat = self.is_nominally_flat(surface.periodic)
-        body: Substrate = (PeriodicHalfSpace if flat else FreeHalfSpace)(
-            surface.shape, pixel
-        )
-        # a stress that falls to zero over its own elastic deformation of a pixel leaves no pixel the choice of two gaps
-        work, reach = self.work_of_adhesion / modulus / size, self.range / size
-        law = CohesiveLaw(self.law == "exponential", work, reach, 0.5 * work / reach)
+        heights -= heights.max()
+        self.check_layer(surface.nominal_area, size)
+        body = self.body(surface)
         if load is not None and not math.isfinite(
             load / surface.nominal_area / modulus
         ):
@@ -340,24 +328,19 @@ class AdhesiveBEM(HalfSpaceSolver):
             self._bearable(float(surface.provenance["radius"]), load)
         pressure = None if load is None else load / surface.nominal_area / modulus
         with Team(self.threads or threads.available()) as team:
-            problem = Adhesive(
-                body,
-                heights,
-                law,
-                pressure,
-                None if approach is None else approach / size,
-                team,
-            )
-            x, rise = before or self._begin(surface, problem, load)
+            problem = self._problem(body, heights, pressure, approach, team)
             if approach is not None:
-                if flat and not approach / size < -heights.mean():
+                if problem.floating and not approach < -heights.mean():
                     raise InputError.of(
                         "displacement",
                         f"{approach:g} nm",
                         "is one at which the surfaces touch everywhere",
-                        f"give an approach below {-size * heights.mean():.6g} nm",
+                        f"give an approach below {-heights.mean():.6g} nm",
                     )
+                x, rise = before or problem.undeformed()
                 x, rise = problem.placed(x, rise, approach / size)
+            else:
+                x, rise = before or self._begin(problem, body, heights, load or 0.0)
             found = problem.minimise(x, rise, self.tolerance, self.max_iterations)
         if problem.parted(found):
             raise PartedError.of(
@@ -380,9 +363,9 @@ class AdhesiveBEM(HalfSpaceSolver):
     def _approach(self, problem: Adhesive, found: Iterate) -> float:
         """The approach since first touch, in pixels."""
         nx, ny = problem.shape
-        if not problem.periodic:
+        if not problem.floating:
             return found.rise
-        return -float(problem.h.mean()) - float(found.x[:nx, :ny].mean())
+        return problem.uniform - float((problem.h + found.x[:nx, :ny]).mean())
 
     def _pixels(self, size: float, pressure: np.ndarray) -> dict[str, float]:
         """How many times the errors of pixels of ``size`` nm are those without attraction, and the part of the area by
@@ -403,8 +386,10 @@ class AdhesiveBEM(HalfSpaceSolver):
         first, last = problem.ends
         nx, ny = problem.shape
         p, q = (self.modulus * (end.p[:nx, :ny] + end.mean) for end in problem.ends)
-        norm, highest = float(np.linalg.norm(q)), float(np.abs(q).max())
-        error = math.hypot(float(np.linalg.norm(q - p)), last.error * norm)
+        # not by BLAS, whose sums differ between processors
+        norm, change = (math.sqrt(float(np.square(x).sum())) for x in (q, q - p))
+        highest = float(np.abs(q).max())
+        error = math.hypot(change, last.error * norm)
         most = math.hypot(float(np.abs(q - p).max()), last.error * highest)
         flips = np.count_nonzero((first.x <= 0)[:nx, :ny] != (last.x <= 0)[:nx, :ny])
         risen = self._approach(problem, last)
@@ -420,21 +405,62 @@ class AdhesiveBEM(HalfSpaceSolver):
             },
         }
 
+    def _problem(
+        self,
+        body: Substrate,
+        heights: np.ndarray,
+        pressure: float | None,
+        approach: float | None,
+        team: Team,
+    ) -> Adhesive:
+        """The minimisation on one grid; ``heights`` and ``approach`` in nm, ``pressure`` over the modulus."""
+        size = body.unit
+        # a stress that falls to zero over twice its own elastic deformation of a pixel leaves neither a pixel nor a few
+        # in a row the choice of two gaps
+        work = self.work_of_adhesion / self.modulus / size
+        reach = self.range / size
+        law = CohesiveLaw(
+            self.law == "exponential" or None, work, reach, work / reach or reach
+        )
+        given = None if approach is None else approach / size
+        return Adhesive(body, heights / size, law, pressure, given, team)
+
     def _begin(
-        self, surface: Surface, problem: Adhesive, load: float | None
+        self, problem: Adhesive, body: Substrate, heights: np.ndarray, load: float
     ) -> _Before:
-        x, rise = np.zeros(problem.padded), 0.0
-        nx, ny = surface.shape
-        if self.start == "contact" and load is not None:
-            return x, rise
-        if load is not None and load > 0:
-            plain = self._plain().solve(surface, load)
-            assert plain.gap is not None  # asked for
-            x[:nx, :ny] = plain.gap.astype(np.float64) / surface.pixel_size
-            rise = (plain.displacement or 0.0) / surface.pixel_size
-        else:
-            x[:nx, :ny] = -problem.h
-        return x, 0.0 if problem.periodic else rise
+        """Where the iteration under a given load begins: coarse to fine, from the contact without attraction or from gaps
+        closed everywhere. Attraction acts where pixels resolve it."""
+        last: tuple[Adhesive, Iterate] | None = None
+        for shape, adheres in self._stages(body, load):
+            sampled = resampled(heights, shape, np.float64, body.periodic, problem.team)
+            here = self._problem(
+                body.regrid(shape), sampled, problem.pressure, None, problem.team
+            )
+            if not adheres:
+                here.law = here.law._replace(work=0.0)
+            start = self._first(here, last)
+            found = here.minimise(*start, COARSE_TOLERANCE, COARSE_ITERATIONS)
+            last = None if here.parted(found) else (here, found)
+        return self._first(problem, last)
+
+    def _stages(self, body: Substrate, load: float) -> Iterator[tuple[Any, bool]]:
+        """The grids before the last iteration, and whether the surfaces attract each other on them."""
+        elastic = self.start == "apart" and load > 0
+        for shape in reversed(grids(body.shape, self.levels)):
+            resolved = body.regrid(shape).unit <= COARSEST * self._zone
+            if elastic:
+                yield shape, False
+                elastic = not resolved
+            if resolved and shape != body.shape:
+                yield shape, True
+
+    def _first(
+        self, problem: Adhesive, last: tuple[Adhesive, Iterate] | None
+    ) -> _Before:
+        apart = self.start == "apart"
+        if last is not None:
+            return problem.refined(*last, CLOSED if apart else 1 - CLOSED)
+        return problem.undeformed() if apart else (np.zeros(problem.padded), 0.0)
 
     def _solution(
         self,

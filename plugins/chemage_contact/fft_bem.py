@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -76,7 +77,72 @@ _VOLLEBREGT = """@article{vollebregt2014,
 }"""
 
 
-class FFTBEM(HalfSpaceSolver):
+class GridSolver(HalfSpaceSolver, ABC):
+    """A boundary element method on the grid of any surface: an elastic half-space, or a layer."""
+
+    boundary: Literal["auto", "periodic", "free"] = "auto"
+    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
+    levels: int | None = Field(default=None, ge=1)
+    """number of grids in the coarse-to-fine start; 1: the given grid only; default: chosen automatically"""
+    on_failure: Literal["raise", "return"] = "raise"
+    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
+    gap: bool = False
+    """whether the solution contains the gap (memory and file size double)"""
+    thickness: Length | None = None
+    """thickness of an elastic layer with this modulus, nm (periodic only); default: half-space"""
+    poisson_ratio: _Ratio = 0.25
+    """Poisson's ratio of the layer; not used for a half-space"""
+    substrate: tuple[Annotated[Any, Unit("GPa", gt=0)], _Ratio] | None = None
+    """Young's modulus (GPa) and Poisson's ratio of the elastic half-space to which the layer is bonded; default: a
+    rigid base"""
+    threads: int | None = Field(default=None, ge=1)
+    """threads of one solve; default: all processors available to this process"""
+
+    @model_validator(mode="after")
+    def _check_options(self) -> Self:
+        if self.thickness is not None and self.boundary == "free":
+            raise ValueError(
+                "thickness: a layer needs boundary = 'periodic'; leave one of the two out"
+            )
+        if self.substrate is not None and self.thickness is None:
+            raise ValueError(
+                "substrate: it lies below a layer; give the thickness of the layer, or leave it out"
+            )
+        return self
+
+    def check_layer(self, area: float, pixel_size: float) -> None:
+        """Refuse a layer that leaves the range of numbers; ``area`` nominal, nm²."""
+        thickness = self.thickness
+        if (
+            thickness is not None
+            and not THINNEST * pixel_size <= thickness <= THICKEST * math.sqrt(area)
+        ):
+            raise InputError.of(
+                "thickness",
+                thickness,
+                f"is not between {THINNEST:g} pixels of {pixel_size:g} nm and {THICKEST:g} times the surface",
+                "give the thickness of the layer in nm; leave it out for a half-space",
+            )
+
+    def body(self, surface: Surface) -> Substrate:
+        pixel = (surface.pixel_size, surface.pixel_size)
+        if self.thickness is not None:
+            if not self.is_nominally_flat(surface.periodic):
+                raise InputError(_LAYER)
+            layer = PeriodicLayer(
+                surface.shape, pixel, self.thickness, self.poisson_ratio
+            )
+            if self.substrate is None:
+                return layer
+            young, poisson = self.substrate
+            ratio = self.modulus * (1.0 - self.poisson_ratio) * (1.0 + poisson) / young
+            return replace(layer, ratio=ratio, poisson_below=poisson)
+        if self.is_nominally_flat(surface.periodic):
+            return PeriodicHalfSpace(surface.shape, pixel)
+        return FreeHalfSpace(surface.shape, pixel)
+
+
+class FFTBEM(GridSolver):
     """Frictionless, non-adhesive hard-wall contact of a rigid surface with a flat elastic body, at a given load.
 
     Finds the pressure with p ≥ 0, gap ≥ 0, p·gap = 0 on every pixel. Converged means that both errors are below
@@ -113,27 +179,10 @@ class FFTBEM(HalfSpaceSolver):
     """largest estimated relative L2 error of the pressure, in addition to ``tolerance``; default: not required"""
     precision: Literal["single", "double", "mixed"] = "mixed"
     """mixed: iterate in single, pressure and gap in double precision (as accurate as double); single: least memory"""
-    boundary: Literal["auto", "periodic", "free"] = "auto"
-    """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
-    levels: int | None = Field(default=None, ge=1)
-    """number of grids in the coarse-to-fine start; 1: the given grid only; default: chosen automatically"""
     max_iterations: int = Field(default=500, ge=0)
     """largest number of iterations on the given grid"""
-    on_failure: Literal["raise", "return"] = "raise"
-    """if the tolerance is not reached: raise ConvergenceError, or return a solution with ``converged`` False"""
-    gap: bool = False
-    """whether the solution contains the gap (memory and file size double)"""
-    thickness: Length | None = None
-    """thickness of an elastic layer with this modulus, nm (periodic only); default: half-space"""
-    poisson_ratio: _Ratio = 0.25
-    """Poisson's ratio of the layer; not used for a half-space"""
-    substrate: tuple[Annotated[Any, Unit("GPa", gt=0)], _Ratio] | None = None
-    """Young's modulus (GPa) and Poisson's ratio of the elastic half-space to which the layer is bonded; default: a
-    rigid base"""
     fft: Literal["scipy", "ducc0", "pyfftw", "mkl_fft"] = "scipy"
     """Fourier transform library; all but scipy must be installed separately (note their licences)"""
-    threads: int | None = Field(default=None, ge=1)
-    """threads of one solve; default: all processors available to this process"""
 
     @property
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -152,14 +201,6 @@ class FFTBEM(HalfSpaceSolver):
         if self.tolerance < 1e-13:
             raise ValueError(
                 f"tolerance = {self.tolerance:g}: below the rounding errors of double precision; use 1e-12 or more"
-            )
-        if self.thickness is not None and self.boundary == "free":
-            raise ValueError(
-                "thickness: a layer needs boundary = 'periodic'; leave one of the two out"
-            )
-        if self.substrate is not None and self.thickness is None:
-            raise ValueError(
-                "substrate: it lies below a layer; give the thickness of the layer, or leave it out"
             )
         return self
 
@@ -231,7 +272,9 @@ class FFTBEM(HalfSpaceSolver):
         if not surface.keys() >= GRID:
             return ()
         size = surface["pixel_size"]
-        self._check_range(surface["nx"] * surface["ny"] * size**2, size, load)
+        area = surface["nx"] * surface["ny"] * size**2
+        self.check_layer(area, size)
+        self._check_range(area, size, load)
         doubts = []
         # to the outermost pixels, which must not touch (see _at_edge)
         room = 0.5 * (min(surface["nx"], surface["ny"]) - 1) * size
@@ -276,18 +319,7 @@ class FFTBEM(HalfSpaceSolver):
         )
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
-        """Refuse pressures and layers that leave the range of numbers; ``area`` nominal, nm²."""
-        thickness = self.thickness
-        if (
-            thickness is not None
-            and not THINNEST * pixel_size <= thickness <= THICKEST * math.sqrt(area)
-        ):
-            raise InputError.of(
-                "thickness",
-                thickness,
-                f"is not between {THINNEST:g} pixels of {pixel_size:g} nm and {THICKEST:g} times the surface",
-                "give the thickness of the layer in nm; leave it out for a half-space",
-            )
+        """Refuse pressures that leave the range of numbers; ``area`` nominal, nm²."""
         if load == 0:
             return
         pressure = load / area
@@ -328,6 +360,7 @@ class FFTBEM(HalfSpaceSolver):
     def _solve(
         self, surface: Surface, load: float, start: ContactSolution | None
     ) -> ContactSolution:
+        self.check_layer(surface.nominal_area, surface.pixel_size)
         self._check_range(surface.nominal_area, surface.pixel_size, load)
         if load == 0:
             return self._untouched(surface, 0.0)
@@ -347,7 +380,7 @@ class FFTBEM(HalfSpaceSolver):
                 "start": start.pressure if start is not None and near else None,
             }
             return self._solved(
-                surface, self._body(surface), heights, unit, quantum, load, team, goal
+                surface, self.body(surface), heights, unit, quantum, load, team, goal
             )
 
     def sweep(
@@ -389,7 +422,7 @@ class FFTBEM(HalfSpaceSolver):
         heights = surface.heights
         if approach <= 0:
             return self._untouched(surface, approach)
-        body = self._body(surface)
+        body = self.body(surface)
         flat = body.periodic and (self.thickness is None or self.substrate is not None)
         if flat and self.hardness is None:
             limit = float(heights.max()) - float(heights.mean(dtype=np.float64))
@@ -466,23 +499,6 @@ class FFTBEM(HalfSpaceSolver):
             contacts=tuple(contacts),
             **wall_loop(states, sunk, lost, unit * error),
         )
-
-    def _body(self, surface: Surface) -> Substrate:
-        pixel = (surface.pixel_size, surface.pixel_size)
-        if self.thickness is not None:
-            if not self.is_nominally_flat(surface.periodic):
-                raise InputError(_LAYER)
-            layer = PeriodicLayer(
-                surface.shape, pixel, self.thickness, self.poisson_ratio
-            )
-            if self.substrate is None:
-                return layer
-            young, poisson = self.substrate
-            ratio = self.modulus * (1.0 - self.poisson_ratio) * (1.0 + poisson) / young
-            return replace(layer, ratio=ratio, poisson_below=poisson)
-        if self.is_nominally_flat(surface.periodic):
-            return PeriodicHalfSpace(surface.shape, pixel)
-        return FreeHalfSpace(surface.shape, pixel)
 
     def _settings(self) -> iteration.Settings:
         return iteration.Settings(

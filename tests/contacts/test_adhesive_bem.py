@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from independent_contact import Body, dense_solution
 
 import chemage as ca
 from chemage import InputError
@@ -70,6 +71,23 @@ def test_pressure_attraction_and_elastic_displacement_are_in_balance(seed, start
     assert contact.carried == pytest.approx(load_of(surface), rel=1e-9)
 
 
+@pytest.mark.parametrize("start", ["apart", "contact"])
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+def test_coarse_grids_change_no_equilibrium(law, start):
+    """Which of several is reached, over random surfaces, zones of cohesion and loads. Rims of a Dugdale zone stick to
+    single pixels: of 120 contacts three differ, by at most a quarter of a percent of their area."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        surface = rough(seed, 128, float(10 ** rng.uniform(-2, -0.5)))
+        reach = float(surface.rms_height * 10 ** rng.uniform(-1, 0.3))
+        work = float(10 ** rng.uniform(-2, -0.4)) * E * reach**2 / surface.pixel_size
+        solver = bem(work_of_adhesion=work, range=reach, law=law, start=start, tolerance=1e-5, max_iterations=5000)
+        load = load_of(surface, float(10 ** rng.uniform(-4, -1)))
+        one, other = (solver.replace(levels=levels)._from(surface, load, None)[0] for levels in (None, 1))
+        allowed = sum(contact.errors["area"]["iteration"][1] for contact in (one, other))
+        assert abs(one.area - other.area) <= allowed + 0.003 * other.area, (seed, one.area, other.area)
+
+
 def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
     surface = rough(slope=0.05)
     loads = [load_of(surface, 0.02), 0.0, -load_of(surface, 0.002)]
@@ -93,10 +111,9 @@ def test_a_cycle_loses_what_maugis_predicts():
     expected = maugis.loop(surface, [-0.2, 0.3, -0.2])
     for one, other in zip(found.quantities(), expected.quantities(), strict=True):
         assert abs(one.value - other.value) < one.half_width, one.name
-    # too large in proportion to the pixel, by 0.14 of it in units of E*ρ²/w (measured 5.5, 3.9, 2.7 and 2.3 % at pixels
-    # of 0.06, 0.043, 0.03 and 0.025 nm)
+    # too large in proportion to the pixel, by 0.02 of it in units of E*ρ²/w
     pixel = 0.07 * work / (E * reach**2)
-    assert expected.pull_off.value < found.pull_off.value < (1 + 0.16 * pixel) * expected.pull_off.value
+    assert expected.pull_off.value < found.pull_off.value < (1 + 0.03 * pixel) * expected.pull_off.value
 
 
 def test_a_cycle_of_long_range_loses_nothing():
@@ -218,3 +235,59 @@ def test_a_tip_that_is_cut_off_by_its_grid_is_refused(start):
 def test_an_approach_that_is_refused_is_said_in_nm():
     with pytest.raises(InputError, match="displacement = '500 nm': is one at which the surfaces touch everywhere"):
         bem().solve_displacement(rough(), "500 nm")
+
+
+# -- layers -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_thick_layer_is_a_half_space():
+    surface = rough()
+    solver, load = bem(tolerance=1e-7), load_of(rough())
+    half = solver.solve(surface, load)
+    for below in (None, (30.0, 0.3)):
+        layer = solver.replace(thickness=1e5, substrate=below).solve(surface, load)
+        np.testing.assert_allclose(layer.pressure, half.pressure, atol=1e-5 * half.max_pressure)
+        assert layer.area == half.area
+
+
+@pytest.mark.parametrize("thickness", [0.3, 3.0])
+def test_a_layer_is_that_of_a_dense_solver(thickness):
+    """From surfaces apart: the attraction of the last gap as a given load of an elastic contact, solved densely. Each of
+    these has gaps below the last one's and above those of the largest equilibrium."""
+    surface = rough(3, 24)
+    load = load_of(surface, 0.02)
+    solver = bem(thickness=thickness, tolerance=1e-9, max_iterations=5000, gap=True)
+    contact = solver.solve(surface, load)
+    body = Body(E, surface.pixel_size, True, thickness)
+    assert 0 < contact.area_fraction < 1
+    matrix, heights, mean = body.matrix(surface.shape), surface.heights, load / surface.nominal_area
+    pull = wall = gap = np.zeros(surface.shape)
+    for _ in range(200):
+        drawn = heights + (matrix @ pull.ravel()).reshape(pull.shape)
+        wall = dense_solution(matrix, drawn, mean + float(pull.mean()))
+        gap = (matrix @ wall.ravel()).reshape(pull.shape) - drawn
+        gap -= gap[wall > 0].mean()
+        before, pull = pull, attraction(solver, gap)
+        if np.abs(pull - before).max() < 1e-12:
+            break
+    np.testing.assert_allclose(contact.pressure, wall - pull, atol=1e-6 * contact.max_pressure)
+    np.testing.assert_allclose(contact.gap, gap, atol=1e-6 * surface.rms_height)
+    # the mean plane sinks by the confined compression of the layer
+    sunk = mean * body.uniform() - gap.mean() - heights.mean() + heights.max()
+    assert contact.displacement == pytest.approx(sunk, rel=1e-6)
+    again = solver.solve_displacement(surface, contact.displacement)
+    assert again.load == pytest.approx(load, rel=1e-4)
+
+
+def test_a_thin_layer_is_a_bed_of_springs():
+    """Spring constant E*(1-ν)²/(t(1-2ν)): the pressure is that times the displacement."""
+    surface = rough(slope=0.01)
+    contact = bem(thickness=1e-3, tolerance=1e-8, gap=True).solve(surface, load_of(surface, 0.5))
+    springs = E * (1 - 0.25) ** 2 / (1e-3 * (1 - 0.5))
+    pressed = contact.displacement + surface.heights - surface.heights.max() + contact.gap
+    np.testing.assert_allclose(contact.pressure, springs * pressed, atol=2e-2 * np.abs(contact.pressure).max())
+
+
+def test_layers_need_a_period():
+    with pytest.raises(InputError, match="a layer needs a periodic surface"):
+        bem(thickness=1.0).solve(ca.surface("sphere", radius=30, pixels=48, pixel_size=0.4518).make(), 10.0)

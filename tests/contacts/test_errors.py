@@ -41,7 +41,7 @@ def test_adhesion_states_the_error_of_its_pressure_and_not_its_residual(law, tol
 
 @pytest.mark.parametrize("start", ["apart", "contact"])
 def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
-    """Dugdale's law at Tabor's parameter 2.4, pixels of 0.45 of the zone, no load: 3 to 4 % off from either side."""
+    """Dugdale's law at Tabor's parameter 2.4, pixels of 0.45 of the zone, no load."""
     radius, work = 30.0, 0.1
     reach = (radius * work**2 / E**2 / 2.4**3) ** (1 / 3)
     size = 0.45 * E * reach**2 / work
@@ -58,7 +58,7 @@ def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
 def test_of_two_contacts_under_one_load_each_names_the_other():
     surface = ca.surface("sphere", radius=10, pixels=140, pixel_size=0.04).make()
     options = {"range": 0.036, "work_of_adhesion": 0.3, "law": "dugdale"}
-    apart, touching = (bem(start=start, **options).solve(surface, -3.0) for start in ("apart", "contact"))
+    apart, touching = (bem(start=start, **options).solve(surface, -6.0) for start in ("apart", "contact"))
     assert apart.area != touching.area
     branch = apart.errors["area"]["branch"]
     assert max(branch) == pytest.approx(abs(touching.area - apart.area), rel=0.05)
@@ -169,3 +169,23 @@ def test_the_page_of_a_run_does_not_call_the_intervals_of_its_contact_those_of_r
     assert "±" in rows["contact area A"]
     assert "error of A: pixel" in rows
     assert "of a contact by its own errors" in rows["every ± is"]
+
+
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+def test_an_adhesive_pressure_is_as_far_from_its_limit_as_stated(law):
+    """At a large tolerance, near jumps too. Of 198 contacts of ``contact_errors.py`` one is beyond twice the stated error:
+    0.14 instead of 0.003, at a tolerance of 1e-3, 500 iterations before it goes on to another equilibrium."""
+    ratios = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        surface = rough(seed, 40, rms_slope=float(10 ** rng.uniform(-2, -0.3)))
+        work = float(10 ** rng.uniform(-2.5, -0.5))
+        reach = math.sqrt(surface.pixel_size * work / E / float(10 ** rng.uniform(-1, -0.31)))
+        solver = bem(law=law, work_of_adhesion=work, range=reach, tolerance=1e-3, on_failure="return")
+        load = float(rng.random() < 0.5) * 1e-3 * E * surface.rms_slope * surface.nominal_area
+        contact = solver.solve(surface, load)
+        limit = solver.replace(tolerance=1e-7, max_iterations=8000).solve(surface, load).pressure
+        error = np.linalg.norm(contact.pressure - limit) / np.linalg.norm(contact.pressure)
+        ratios.append(error / (contact.convergence["pressure_error"] + 1e-6))
+    assert sorted(ratios)[-2] < 2
+    assert max(ratios) < 10

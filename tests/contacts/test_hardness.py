@@ -410,7 +410,7 @@ def test_numbers_of_a_rank_are_those_of_the_sorted_array(kind, shape):
 def test_kernels_are_those_of_a_solve(monkeypatch):
     """A warm-up compiles each kernel that a solve with a hardness calls, for the same types."""
     surface, solver = rough(128), bem(4.0)
-    body, settings = solver._body(surface), solver._settings()
+    body, settings = solver.body(surface), solver._settings()
     _iteration.compile_kernels(body, settings, bounded=True)
     before = {name: len(k.signatures) for name, k in vars(_kernels).items() if hasattr(k, "signatures")}
     solver.solve(surface, 500.0)

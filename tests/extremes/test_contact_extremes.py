@@ -237,7 +237,7 @@ def test_a_stall_is_reported_as_such():
     from chemage_contact._kernels import Heights
     from chemage_contact._operators import Team
 
-    body = FFTBEM(modulus=MODULUS)._body(surface)
+    body = FFTBEM(modulus=MODULUS).body(surface)
     scaled = np.float32((rough().heights - rough().heights.max()) / rough().rms_height)
     settings = _iteration.Settings(tolerance=1e-9, precision="single")
     end = _iteration.solve(body, Heights(scaled), stiffness=2e-3, settings=settings, team=Team(1))
