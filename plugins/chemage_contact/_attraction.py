@@ -1,7 +1,8 @@
 """The adhesive contact on arrays: minimise ½ uᵀKu + Σ φ(g) + p̄ Σ g over gaps g ≥ 0, u = g + h.
 
 K is the inverse of the substrate's symbol, φ the energy of attraction. The gradient is the sum of net traction and
-attraction, so that at a minimum it vanishes where the gap is open, and presses where it is closed. The energy has
+attraction, so that at a minimum it vanishes where the gap is open, and presses where it is closed. With a hardness H a
+gap below zero costs H per area and depth, so that the material flows where the pressure is H. The energy has
 several minima, between which real contacts jump; the one that is found is below the start.
 
 * Nonlinear conjugate gradients (Polak–Ribière) on the working set, the open pixels and those closed under tension,
@@ -47,6 +48,8 @@ EDGE, SETTLED = 2.0, 10
 NEWTON, FLAT = 4, 0.1
 #: times that a step which raises the energy is halved
 HALVINGS = 25
+#: part of the hardness below it at which a coarse grid flows
+YIELDS = 1e-3
 #: rms pressure, of the largest attraction, below which errors are not relative to the pressure any more
 FAINT = 1e-6
 #: how many times the relative error of the load counts in the error, where the approach is free
@@ -176,7 +179,9 @@ class Adhesive:
             x += level - float(x.mean())
         gap = x[:nx, :ny]
         gap -= self.h + rise
-        gap[(touching > closed) | (gap < 0)] = 0.0
+        flows = p >= (1 - YIELDS) * self.law.hardness
+        gap[((touching > closed) | (gap < 0)) & ~flows] = 0.0
+        gap[flows] = np.minimum(gap[flows], 0.0)
         return x, rise
 
     def placed(self, x: Array, rise: float, approach: float) -> tuple[Array, float]:
@@ -359,9 +364,11 @@ class Adhesive:
             length = self._newton(x, d, slope, curvature)
         for _ in range(HALVINGS):
             out = np.empty_like(x)
-            total, count = self.sums(cohesion.move, 2, x, d, length, 0.0, shape, out)
+            total, count = self.sums(
+                cohesion.move, 2, x, d, here.r, length, 0.0, shape, out
+            )
             if self.floating and self.pressure is None:
-                self._levelled(x, d, length, total, count, out)
+                self._levelled(x, d, here.r, length, total, count, out)
             there = self.evaluate(out, here.rise + length * ds)
             if there.energy <= here.energy + ROUNDING * (here.terms + there.terms):
                 return there
@@ -388,7 +395,14 @@ class Adhesive:
         return length
 
     def _levelled(
-        self, x: Array, d: Array, length: float, total: float, count: float, out: Array
+        self,
+        x: Array,
+        d: Array,
+        r: Array,
+        length: float,
+        total: float,
+        count: float,
+        out: Array,
     ) -> None:
         """Shift the open pixels of the step ``out`` so that it keeps the mean gap of a given approach."""
         wanted = (self.given_approach or 0.0) + float(self.h.mean())
@@ -400,7 +414,7 @@ class Adhesive:
                 break
             shift += excess / count
             total, count = self.sums(
-                cohesion.move, 2, x, d, length, shift, self.shape, out
+                cohesion.move, 2, x, d, r, length, shift, self.shape, out
             )
 
     def parted(self, here: Iterate) -> bool:

@@ -1,7 +1,8 @@
 """Kernels of the adhesive contact: plain functions of arrays that compute rows lo … hi and fill their rows of ``part``.
 
 Lengths are in pixels, stresses in units of the contact modulus. ``x`` is the unknown on the padded grid: the gap on the
-pixels of the surface (``h.shape``), beyond them the displacement of the free surface. ``law`` is :class:`CohesiveLaw`.
+pixels of the surface (``h.shape``; below zero where the material flows), beyond them the displacement of the free
+surface. ``law`` is :class:`CohesiveLaw`.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ class CohesiveLaw(NamedTuple):
     range: float
     ramp: float
     """of the constant stress: half the length over which it falls to zero, about the range"""
+    hardness: float
+    """pressure at which the material flows: cost of a gap below zero, per area and depth"""
 
 
 @kernel(**_OPTIONS)
@@ -91,7 +94,7 @@ def balance(lo, hi, x, p, law, shape, part):
 
 @kernel(**_OPTIONS)
 def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
-    """r = gradient of the energy on the working set (gap open, or closed under tension), 0 elsewhere.
+    """r = gradient of the energy on the working set (gap open, or closed under tension, or flow), 0 elsewhere.
 
     ``p`` is the traction without its ``mean``. part = (Σ r², Σ (p + mean)², Σ p + mean, Σ u p, Σ energy of attraction,
     Σ gap, pixels in contact, Σ r, pixels of the working set, Σ |p + mean|), all but the first, fourth, eighth and ninth
@@ -103,15 +106,19 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
         columns = ny if i < nx else 0
         for j in range(columns):
             gap, traction = x[i, j], p[i, j] + mean
-            stress, energy, _ = attraction(gap, law)
+            stress, energy, _ = attraction(max(gap, 0.0), law)
             force = traction + stress
+            flows = gap < 0.0 or (gap == 0.0 and traction > law.hardness)
+            if flows:
+                force = traction - law.hardness
+                energy -= law.hardness * gap
             s1 += traction * traction
             s2 += traction
             s9 += abs(traction)
             s3 += (gap + h[i, j] + rise) * p[i, j]
             s4 += energy
             s5 += gap
-            free = gap > 0.0 or force < 0.0
+            free = gap > 0.0 or force < 0.0 or flows
             value = force if free else 0.0
             r[i, j] = value
             s0 += value * value
@@ -174,15 +181,18 @@ def along(lo, hi, x, d, step, law, shape, part):
 
 
 @kernel(**_OPTIONS)
-def move(lo, hi, x, d, step, shift, shape, out, part):
-    """out = x + step·d − shift, on the surface not below zero; part = (Σ out, pixels open)."""
+def move(lo, hi, x, d, r, step, shift, shape, out, part):
+    """out = x + step·d − shift, on the surface not through zero; part = (Σ out, pixels open)."""
     nx, ny = shape
     for i in range(lo, hi):
         total = count = 0.0
         columns = ny if i < nx else 0
         for j in range(columns):
             value = x[i, j] + step * d[i, j]
-            value = max(value - shift if value > 0.0 else 0.0, 0.0)
+            if x[i, j] < 0.0 or (x[i, j] == 0.0 and r[i, j] > 0.0):
+                value = min(value, 0.0)
+            else:
+                value = max(value - shift if value > 0.0 else 0.0, 0.0)
             count += 1.0 if value > 0.0 else 0.0
             out[i, j] = value
             total += value

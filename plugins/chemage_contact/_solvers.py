@@ -46,7 +46,7 @@ class HalfSpaceSolver(ContactSolver, ABC):
         "pressure": 'it is a load: load = "20 MPa", or "3 GPa over contact"',
         "adhesion": "contact 'adhesive-bem', of spheres 'jkr', 'dmt' and 'maugis', have a work_of_adhesion",
         "work_of_adhesion": "contact 'adhesive-bem', of spheres 'jkr', 'dmt' and 'maugis', have one",
-        "hardness": "contact 'fft-bem' and, of spheres, 'hertz' have one; none that adheres has",
+        "hardness": "contact 'fft-bem', 'adhesive-bem' and, of spheres, 'hertz' have one",
     }
     #: options that an identity has only where they are given, as it had before there were these options
     later: ClassVar[tuple[str, ...]] = ()

@@ -68,7 +68,8 @@ class AdhesiveBEM(GridSolver):
     The surfaces do not overlap, and attract each other with the energy φ(g) per area at a gap g: ``exponential``,
     φ = −w exp(−g/ρ), or ``dugdale``, a constant stress w/ρ up to the gap ρ (over two elastic deformations of a pixel it
     falls to zero linearly, which keeps w). In contact are the pixels of zero gap. The pressure is the net one: elastic
-    restoring stress, negative where attraction prevails, outside the contact too.
+    restoring stress, negative where attraction prevails, outside the contact too. With a ``hardness`` the material flows
+    where the pressure reaches it (a gap below zero, the ``plastic_displacement``), at single loads or approaches.
 
     Converged means that the L2 norm of the stress out of balance (pressure plus attraction where the gap is open,
     tension beyond the attraction where it is closed), relative to that of the pressure (or of w/ρ times 1e-6 on every
@@ -85,7 +86,7 @@ class AdhesiveBEM(GridSolver):
     kind = "adhesive-bem"
     adheres = True
     implemented_properties = ("pressure", "gap", "displacement")
-    later = ("levels", "thickness", "substrate")
+    later = ("levels", "hardness", "thickness", "substrate")
     speed_only = ("threads",)
     trade = {"tolerance": (1e-2, 1e-3, 1e-4, 1e-6)}
     cite = (
@@ -233,6 +234,13 @@ class AdhesiveBEM(GridSolver):
     def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
         """The contacts along a path of approaches or of loads, each from the one before, from surfaces apart: pull-off,
         jumps, and the work that is lost. See :class:`chemage_contact.paths.Path`."""
+        if self.hardness is not None:
+            raise InputError.of(
+                "hardness",
+                self.hardness,
+                "is not followed along a path of contacts that adhere",
+                "leave it out, or use contact 'fft-bem'",
+            )
         path = Path.of(path)
         follower = self._follow(surface, path, 0.0)
         found = follower.quantities(path.control)
@@ -316,7 +324,7 @@ class AdhesiveBEM(GridSolver):
         coarse = self._unresolved(size)
         heights = surface.heights.astype(np.float64)
         heights -= heights.max()
-        self.check_layer(surface.nominal_area, size)
+        self.check_body(surface.nominal_area, size, load or 0.0)
         body = self.body(surface)
         if load is not None and not math.isfinite(
             load / surface.nominal_area / modulus
@@ -420,7 +428,11 @@ class AdhesiveBEM(GridSolver):
         work = self.work_of_adhesion / self.modulus / size
         reach = self.range / size
         law = CohesiveLaw(
-            self.law == "exponential" or None, work, reach, work / reach or reach
+            self.law == "exponential" or None,
+            work,
+            reach,
+            work / reach or reach,
+            math.inf if self.hardness is None else self.hardness / self.modulus,
         )
         given = None if approach is None else approach / size
         return Adhesive(body, heights / size, law, pressure, given, team)
@@ -475,6 +487,10 @@ class AdhesiveBEM(GridSolver):
         nx, ny = surface.shape
         reduced = np.ascontiguousarray(found.x[:nx, :ny])
         pressure = (np.ascontiguousarray(found.p[:nx, :ny]) + found.mean) * self.modulus
+        flow = None
+        if self.hardness is not None:
+            np.minimum(pressure, self.hardness, out=pressure)
+            flow = np.maximum(-reduced, 0.0) * size
         force = float(pressure.sum()) * area
         borne = float(np.abs(pressure).sum()) * area
         converged = found.error <= self.tolerance
@@ -525,7 +541,8 @@ class AdhesiveBEM(GridSolver):
             surface,
             pressure=pressure,
             touching=reduced <= 0,
-            gap=reduced * size if self.gap else None,
+            gap=np.maximum(reduced, 0.0) * size if self.gap else None,
+            plastic_displacement=flow,
             load=force if load is None else load,
             displacement=rise * size,
             converged=converged,

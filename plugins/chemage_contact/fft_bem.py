@@ -80,6 +80,8 @@ _VOLLEBREGT = """@article{vollebregt2014,
 class GridSolver(HalfSpaceSolver, ABC):
     """A boundary element method on the grid of any surface: an elastic half-space, or a layer."""
 
+    hardness: Pressure | None = None
+    """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     boundary: Literal["auto", "periodic", "free"] = "auto"
     """periodic or free (an isolated contact on an infinite half-space); auto: periodic if the surface is"""
     levels: int | None = Field(default=None, ge=1)
@@ -110,8 +112,16 @@ class GridSolver(HalfSpaceSolver, ABC):
             )
         return self
 
-    def check_layer(self, area: float, pixel_size: float) -> None:
-        """Refuse a layer that leaves the range of numbers; ``area`` nominal, nm²."""
+    def check_body(self, area: float, pixel_size: float, load: float) -> None:
+        """Refuse a layer that leaves the range of numbers, and a body too soft; ``area`` nominal, nm²."""
+        pressure = load / area
+        if self.hardness is not None and pressure > self.hardness * (1 + 1e-12):
+            raise InputError.of(
+                "hardness",
+                self.hardness,
+                f"is below the mean pressure of {load:.6g} nN on {area:.6g} nm², which no contact can bear",
+                f"give a hardness of at least {pressure:.6g} GPa, or a smaller load",
+            )
         thickness = self.thickness
         if (
             thickness is not None
@@ -169,8 +179,6 @@ class FFTBEM(GridSolver):
     )
     bibtex = (_POLONSKY, _BUGNICOURT, _VOLLEBREGT)
 
-    hardness: Pressure | None = None
-    """largest pressure, GPa: the material flows where it is reached, and the load spreads; default: elastic"""
     tolerance: float = Field(default=1e-5, gt=0, lt=1, allow_inf_nan=False)
     """largest error of the gap, relative to the rms height (or to the approach since first touch, where smaller)"""
     pressure_tolerance: float | None = Field(
@@ -273,7 +281,7 @@ class FFTBEM(GridSolver):
             return ()
         size = surface["pixel_size"]
         area = surface["nx"] * surface["ny"] * size**2
-        self.check_layer(area, size)
+        self.check_body(area, size, load)
         self._check_range(area, size, load)
         doubts = []
         # to the outermost pixels, which must not touch (see _at_edge)
@@ -323,13 +331,6 @@ class FFTBEM(GridSolver):
         if load == 0:
             return
         pressure = load / area
-        if self.hardness is not None and pressure > self.hardness * (1 + 1e-12):
-            raise InputError.of(
-                "hardness",
-                self.hardness,
-                f"is below the mean pressure of {load:.6g} nN on {area:.6g} nm², which no contact can bear",
-                f"give a hardness of at least {pressure:.6g} GPa, or a smaller load",
-            )
         if not (
             SMALLEST_PRESSURE < pressure < LARGEST_PRESSURE
             and pressure / self.modulus > SMALLEST_PRESSURE
@@ -360,7 +361,7 @@ class FFTBEM(GridSolver):
     def _solve(
         self, surface: Surface, load: float, start: ContactSolution | None
     ) -> ContactSolution:
-        self.check_layer(surface.nominal_area, surface.pixel_size)
+        self.check_body(surface.nominal_area, surface.pixel_size, load)
         self._check_range(surface.nominal_area, surface.pixel_size, load)
         if load == 0:
             return self._untouched(surface, 0.0)

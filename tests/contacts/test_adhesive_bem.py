@@ -12,6 +12,7 @@ from independent_contact import Body, dense_solution
 import chemage as ca
 from chemage import InputError
 from chemage.plugin import ConvergenceError
+from chemage_contact._attraction import Adhesive
 
 E = 35.3
 
@@ -291,3 +292,70 @@ def test_a_thin_layer_is_a_bed_of_springs():
 def test_layers_need_a_period():
     with pytest.raises(InputError, match="a layer needs a periodic surface"):
         bem(thickness=1.0).solve(ca.surface("sphere", radius=30, pixels=48, pixel_size=0.4518).make(), 10.0)
+
+
+# -- hardness ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("work", [0.0, 1e-9])
+@pytest.mark.parametrize("hardness", [1.0, 3.0])
+@pytest.mark.parametrize("options", [{}, {"boundary": "free"}, {"thickness": 3.0}], ids=str)
+def test_without_adhesion_flow_is_that_of_fft_bem(work, hardness, options):
+    surface = rough(slope=0.3)
+    load = load_of(surface, 0.02)
+    flows = ca.contact("fft-bem", modulus=E, hardness=hardness, tolerance=1e-8, **options).solve(surface, load)
+    contact = bem(work_of_adhesion=work, hardness=hardness, tolerance=1e-6, **options).solve(surface, load)
+    assert np.linalg.norm(contact.pressure - flows.pressure) < 1e-5 * np.linalg.norm(flows.pressure)
+    assert np.abs(contact.plastic_displacement - flows.plastic_displacement).max() < 1e-5 * surface.rms_height
+    assert contact.displacement == pytest.approx(flows.displacement, rel=1e-4)
+    assert contact.yielded.area == pytest.approx(flows.yielded.area, rel=0.02)
+
+
+@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+@pytest.mark.parametrize("start", ["apart", "contact"])
+def test_a_contact_that_adheres_flows_at_its_hardness(law, start):
+    """From the pressure alone, by the Green's function: the overlap is what flows, there the pressure is the hardness."""
+    surface, hardness = rough(slope=0.3), 2.0
+    load = load_of(surface, 0.02)
+    solver = bem(law=law, start=start, hardness=hardness, gap=True, tolerance=1e-8, max_iterations=5000)
+    contact = solver.solve(surface, load)
+    elastic, plain = solver.replace(hardness=None).solve(surface, load), ca.contact("fft-bem", modulus=E, hardness=2.0)
+    assert contact.area > max(elastic.area, plain.solve(surface, load).area)
+    assert contact.pressure.max() <= hardness < elastic.pressure.max()
+    assert contact.area >= load / hardness
+    assert contact.carried == pytest.approx(load, rel=1e-6)
+    q = np.hypot(*np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n, 0.4518) for n in surface.shape), indexing="ij"))
+    q[0, 0] = np.inf
+    overlap = surface.heights - np.fft.ifft2(2 * np.fft.fft2(contact.pressure) / (E * q)).real
+    known = contact.plastic_displacement - contact.gap
+    assert np.ptp(overlap - known) < 1e-6 * surface.rms_height
+    assert not (contact.plastic_displacement[contact.pressure < hardness * (1 - 1e-6)]).any()
+    assert contact.pressure[contact.plastic_displacement > 0].min() > hardness * (1 - 1e-6)
+    if law == "exponential":
+        apart = ~contact.touching
+        np.testing.assert_allclose(contact.pressure[apart], -attraction(solver, contact.gap)[apart], atol=1e-5)
+
+
+def test_flow_never_raises_the_energy(monkeypatch):
+    energies = []
+    step = Adhesive.step
+
+    def watched(self, here, *args):
+        there = step(self, here, *args)
+        if there is not None:
+            energies.append((there.energy - here.energy) / there.terms)
+        return there
+
+    monkeypatch.setattr(Adhesive, "step", watched)
+    surface = rough(slope=0.3)
+    bem(hardness=2.0).solve(surface, load_of(surface, 0.02))
+    assert len(energies) > 10
+    assert max(energies) < 1e-12
+
+
+def test_a_hardness_needs_no_path_and_bears_the_load():
+    surface = rough()
+    with pytest.raises(InputError, match="is below the mean pressure"):
+        bem(hardness=1.0).solve(surface, 1.1 * surface.nominal_area)
+    with pytest.raises(InputError, match="not followed along a path"):
+        bem(hardness=1.0).loop(surface, [-0.1, 0.1])

@@ -143,7 +143,7 @@ def test_a_file_without_errors_by_name_is_read():
 @pytest.mark.parametrize(
     ("kind", "option", "answer"),
     [
-        ("adhesive-bem", "hardness", "fft-bem"),
+        ("jkr", "hardness", "adhesive-bem"),
         ("fft-bem", "adhesion", "work_of_adhesion"),
         ("fft-bem", "pressure", 'load = "20 MPa"'),
         ("jkr", "pressure", 'load = "20 MPa"'),
