@@ -38,6 +38,8 @@ RIM = 2.0, 4.0
 #: where that is no small ratio: then larger pixels stick no more. Of Dugdale's law it is 0.02; the rest is for the length
 #: over which its stress falls
 HELD = {"dugdale": 0.14, "exponential": 0.01}
+#: energy by which a jump is lost on such a rim, over the pull-off force times the range of the attraction; measured too
+LOST = 0.5
 #: share of the largest attraction that is none: where a path ends that parts the surfaces
 GONE = 1e-3
 #: tolerance of a reference, and its iterations
@@ -253,6 +255,8 @@ class AdhesiveBEM(GridSolver):
             sizes = [abs(other[name].value - value) / (k - 1) for k, other in others]
             sizes = [size for size in sizes if math.isfinite(size)]
             held = self.range if unit == "nm" else HELD["dugdale"] * abs(value)
+            if name == "dissipated":
+                held = LOST * self.range * found["pull_off"].value
             size = max(*sizes, ramp * held) if sizes else math.nan
             bound = self.tolerance * (self.range if unit == "nm" else abs(value))
             found[name] = more_errors(
