@@ -251,8 +251,10 @@ class AdhesiveBEM(GridSolver):
         ramp = surface.pixel_size / self._zone if self.law == "dugdale" else 0.0
         for name in found.keys() - {"jumps"}:
             value, unit = found[name].value, found[name].unit
-            # errors grow with the pixel, in proportion or faster
-            sizes = [abs(other[name].value - value) / (k - 1) for k, other in others]
+            # twice the pixel: errors grow in proportion or faster; more of it: with its square
+            sizes = [
+                3 * abs(other[name].value - value) / (k**2 - 1) for k, other in others
+            ]
             sizes = [size for size in sizes if math.isfinite(size)]
             held = self.range if unit == "nm" else HELD["dugdale"] * abs(value)
             if name == "dissipated":
