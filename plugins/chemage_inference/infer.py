@@ -299,9 +299,9 @@ def _inference(
     model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
     noise, state = problem.noise, samples.typical
     fitted = samples.calibrations[:, noise.instrument] * samples.fitted(problem)
-    errors = noise.errors(state)
-    chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / errors) ** 2))
-    each = np.sum(((problem.values - fitted) / errors) ** 2, axis=1)
+    # in independent combinations of the points, or a correlated error counts as a parameter of the density
+    each = noise.white(state, (problem.values - fitted).T)
+    chi2 = float(np.sum(noise.white(state, problem.values - fitted.mean(axis=0)) ** 2))
     unknowns = problem.unknowns
     scalars = {name: values[samples.points] for name, values in unknowns.values.items()}
     if unknowns.factor is not None:
@@ -333,7 +333,7 @@ def _inference(
         scores=fits[0],
         families=fits[1],
         chi2=chi2,
-        effective_parameters=float(each.mean() - chi2),
+        effective_parameters=float(np.sum(each.var(axis=1))),
         resolution=resolution,
         diagnostics={
             "effective_samples": samples.effective,
@@ -402,6 +402,8 @@ def _notes(
     visible, diagnostics = inference.visible, inference.diagnostics
     for curve in model.curves:
         yield from (f"{curve.name}: {note}" for note in curve.notes)
+        if cold := units.celsius_meant("temperature", curve.temperature):
+            yield f"{curve.name}: {cold}"
     few = list(_hardly_any(model))
     yield from few
     if not visible.any():

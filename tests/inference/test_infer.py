@@ -221,6 +221,14 @@ def test_wrong_arguments_are_refused(given, message):
         ca.infer(rising(), scene(), **given)
 
 
+@pytest.mark.long
+def test_kelvin_that_are_degrees_celsius_are_asked_about():
+    cold = curve(ca.barriers("gaussian", mean=0.44, std=0.05), temperature=140.0)
+    found = ca.infer(cold, scene(), families=(), samples=50)
+    asked = ' temperature = 140 K: is 140 °C meant? Write "140 degC", which is 413.15 K'
+    assert any(note.endswith(asked) for note in found.notes)
+
+
 def test_fewer_points_than_unknowns_are_refused():
     few = rising(np.array([0.1, 1.0, 100.0]))
     with pytest.raises(ca.InputError, match=r"3 points are fewer than the unknowns, .* bond_force; measure at more"):

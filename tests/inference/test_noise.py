@@ -144,6 +144,18 @@ def test_curves_of_two_instruments_are_told_apart(tmp_path):
     ]  # fmt: skip
 
 
+@pytest.mark.long
+def test_correlated_errors_are_no_parameters_of_the_density():
+    """25 points whose errors are correlated over 5 e-folds of the time; the density alone takes 6 to 8 parameters."""
+    data = curve(ca.barriers("gaussian", mean=0.95, std=0.1), noise=1e-9)
+    near = np.exp(-np.abs(np.log(TIMES)[:, None] - np.log(TIMES)) / 5)
+    noisy = data.values * (1 + 0.03 * np.linalg.cholesky(near) @ np.random.default_rng(3).standard_normal(25))
+    data = data.model_copy(update={"values": noisy, "errors": 0.03 * data.values})
+    found = ca.infer(data, scene(), families=(), samples=200, errors="correlated")
+    assert 3 < found.effective_parameters < 10
+    assert 10 < found.chi2 < 40
+
+
 WRONG = {
     "errors": ({"errors": "large"}, "errors = 'large': is not known; choose of scaled, robust, correlated"),
     "calibration": ({"calibration": "200 %"}, "must be between 0 and 50 %"),
