@@ -103,15 +103,6 @@ def test_points_are_off_with_their_probability(correlated):
     assert off.argmax() == 4
 
 
-def test_a_calibration_is_drawn_from_its_prior_where_nothing_tells():
-    one = noise(calibration=0.1)
-    rng, state, drawn = np.random.default_rng(3), one.start, []
-    for _ in range(20_000):
-        state = one.drawn(state, np.zeros(12), np.zeros(12), rng)
-        drawn.append(state.calibration)
-    assert np.std(drawn) == pytest.approx(0.1, rel=0.1)
-
-
 @pytest.mark.long
 def test_instruments_have_calibrations_of_their_own():
     """Two curves of one density, 20 % apart: the difference is known, and what they share is that of the prior."""
