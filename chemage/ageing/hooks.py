@@ -203,7 +203,7 @@ class _Ageing(Stage):
         """Hold times and temperature beside the barriers."""
         import numpy as np
 
-        from chemage.foundation.units import KB
+        from chemage.foundation.units import KB, celsius_meant
 
         chemistry = parts["chemistry"]
         hold = parts["hold"]
@@ -216,7 +216,8 @@ class _Ageing(Stage):
         if median < 0:
             text = f"half of the forming barriers are below {median:.3g} eV: no barrier is left to cross"
             yield Doubt("barriers", text)
-        cold = self._celsius(parts, stated) if active < lowest else ""
+        if cold := celsius_meant("hold.temperature", hold.temperature):
+            yield Doubt("temperature", cold)
         if (
             {"bonded", "sites"} <= expected.keys()
             and times[-1] > 0
@@ -228,7 +229,7 @@ class _Ageing(Stage):
                 why = "bonds break sooner than they form, or few sites are reactive"
                 if active < lowest:
                     react = f"barriers up to {active:.2f} eV react"
-                    why = f"{react}, and 95 % of the forming barriers are above {lowest:.2f} eV{cold}"
+                    why = f"{react}, and 95 % of the forming barriers are above {lowest:.2f} eV"
                 where = f"at {hold.temperature:g} K and {times[-1]:g} s"
                 yield Doubt(
                     "bonds",
@@ -237,7 +238,7 @@ class _Ageing(Stage):
                 return
         if active < lowest:
             react = f"by {times[-1]:g} s only barriers up to {active:.2f} eV react"
-            yield Doubt("bonds", f"{react}, below 95 % of the forming barriers{cold}")
+            yield Doubt("bonds", f"{react}, below 95 % of the forming barriers")
         elif (
             KB * hold.temperature * np.log(max(nu * max(times[0], 1e-300), 1.0))
             > highest
@@ -246,24 +247,6 @@ class _Ageing(Stage):
                 "bonds",
                 f"at {times[0]:g} s nearly every forming barrier is already crossed; start earlier",
             )
-
-    def _celsius(self, parts: Parts, stated: Stated) -> str:
-        """A question about the unit of the temperature, where in °C it would make sense."""
-        from chemage.lattices.independent import expected_kinetics, rough_pressures
-
-        hold, pressure = parts["hold"], stated["contact"].get("mean_pressure")
-        if hold.temperature >= COLD or not pressure:
-            return ""
-        warm = hold.temperature + ZERO_CELSIUS
-        last = float(hold.hold_times[-1])
-        if (
-            expected_kinetics(
-                parts["chemistry"], rough_pressures(pressure), last, warm
-            ).bonded
-            < 1e-3
-        ):
-            return ""
-        return f'; is {hold.temperature:g} °C meant? Write temperature = "{hold.temperature:g} degC", which is {warm:g} K'
 
 
 class _Observe(Stage):
@@ -277,8 +260,6 @@ class _Observe(Stage):
 
 #: sites, and bonds of all replicas together, below which a scene gives no number
 NO_SITE, NO_BOND = 1.0, 1.0
-#: below this temperature one in °C may be meant
-COLD, ZERO_CELSIUS = 150.0, 273.15
 STAGES = (
     _Ageing(
         "ageing",

@@ -54,6 +54,8 @@ QuantityLike: TypeAlias = float | str | np.floating[Any] | np.integer[Any] | Wit
 EV_PER_GPA_NM3 = float(ase.units.GPa * ase.units.nm**3)
 #: Boltzmann constant, eV/K.
 KB = float(ase.units.kB)
+#: K, below which a temperature in °C may be meant
+COLD = 150.0
 #: Quantities other than zero are between these in their internal units: their squares and products stay numbers.
 SMALLEST, LARGEST = 1e-100, 1e100
 
@@ -368,6 +370,16 @@ def _parse(text: str, unit: str) -> float:
         raise UnitError(
             f'"{text}" cannot be read as a quantity in {unit or "pure numbers"} ({error})'
         ) from None
+
+
+def celsius_meant(field: str, kelvin: float) -> str:
+    """A question for a temperature so low that it may be one in °C; empty for any other."""
+    if kelvin >= COLD:
+        return ""
+    return (
+        f"{field} = {kelvin:g} K: is {kelvin:g} °C meant? "
+        f'Write "{kelvin:g} degC", which is {convert(f"{kelvin} degC", "K"):g} K'
+    )
 
 
 def in_one_unit(values: Sequence[object]) -> tuple[list[float], str] | None:

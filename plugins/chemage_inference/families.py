@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from chemage.plugin import algebra, progress
 from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
-from chemage_inference.problem import FINE, REACH, Linear, Prior, Problem
+from chemage_inference.problem import REACH, Linear, Prior, Problem
 from chemage_inference.result import UnexplainedError
 from chemage_inference.sampling import MOST_SWEEPS, Samples, sample
 
@@ -147,12 +148,8 @@ def estimated(
     model: Model, threads: int | None, report: progress.Report
 ) -> tuple[np.ndarray, list[float]]:
     """The density of best fit, smoothed, and how much each round of the interaction changed it."""
-    if (
-        model.unknowns.points > 1
-    ):  # the point at which a density fits best, the neighbours left out
-        alone = (_alone(model, point) for point in range(model.unknowns.points))
-        fits = np.array([smooth_fit(data, 1e-11, factor)[1] for data, factor in alone])
-        model.middle = int(np.argmin(fits - 2 * model.unknowns.log_priors))
+    if model.unknowns.points > 1:
+        model.middle = _best_point(model)
     data, factor = _alone(model, model.middle)
     data = _with_guessed_errors(model, data)
     if not model.interacting:
@@ -181,6 +178,28 @@ def estimated(
     _check_model(model, _about(model, density)[1])
     report("interaction", total, total)
     return density, changes
+
+
+def _best_point(model: Model) -> int:
+    """The point of the grid of scalars at which a density fits best, the neighbours left out: a pattern search."""
+    nodes = model.unknowns.nodes
+
+    @cache
+    def misfit(point: int) -> float:
+        data, factor = _alone(model, point)
+        prior = model.unknowns.log_prior(nodes[point])
+        return smooth_fit(data, 1e-11, factor)[1] - 2 * prior
+
+    best, step = model.middle, int(nodes.max() + 1) // 4
+    while step:
+        away = np.abs(nodes - nodes[best])
+        near = np.flatnonzero((away.sum(axis=1) == step) & (away.max(axis=1) == step))
+        other = min(map(int, near), key=misfit, default=best)
+        if misfit(other) < misfit(best):
+            best = other
+        else:
+            step //= 2
+    return best
 
 
 def _with_guessed_errors(model: Model, data: Linear) -> Linear:
@@ -257,12 +276,10 @@ def linear_problem(model: Model, prior: Prior, density: np.ndarray) -> Problem:
         value, slope = model.linear(density, point)
         matrices.append(slope)
         offsets.append(value - algebra.product(slope, density))
-    unknowns, fine, shifts = model.unknowns.refined(
-        np.stack(matrices), np.stack(offsets)
-    )
-    start = model.middle if unknowns is model.unknowns else FINE * model.middle
+    unknowns, coefficients = model.unknowns, model.unknowns.coefficients
     known = prior, model.grid.areas, model.values, model.noise
-    return Problem(*known, fine, shifts, unknowns, start, model.state)
+    arrays = coefficients(np.stack(matrices)), coefficients(np.stack(offsets))
+    return Problem(*known, *arrays, unknowns, model.middle, model.state)
 
 
 def sampled(
@@ -472,11 +489,9 @@ def compared(
             problem.values[out], values.mean(axis=0), covariance
         )
         done += 1
-    point = int(np.bincount(samples.points).argmax())
     data = Linear(
         model.grid,
-        problem.matrices[point],
-        problem.offsets[point],
+        *problem.at(np.median(samples.positions, axis=0)),
         problem.values,
         problem.errors,
         model.unknowns.factor,

@@ -39,6 +39,8 @@ LEVELS = (0.68, 0.90, 0.95)
 WIDE = 0.90
 #: share of a prediction from energies which the data do not see above which a note says so, and only bounds are shown
 UNSEEN, BOUNDS_ONLY = 0.05, 0.8
+#: values of an unknown scalar at which neighbours are simulated
+FEW = 5
 #: what conditions may state -> its unit, and an example
 STATED = {
     "hold_time": ("s", "1e5 s"),
@@ -220,6 +222,12 @@ def in_numbers(values: np.ndarray) -> dict[str, Any]:
     return {"mean": values.mean(), "median": np.median(values), **bands(values)}
 
 
+def _in_few(values: np.ndarray) -> np.ndarray:
+    """``values`` (S,), each replaced by the nearest of :data:`FEW` evenly spaced ones."""
+    few = np.linspace(values.min(), values.max(), FEW)
+    return few[np.abs(values[:, None] - few).argmin(axis=1)]
+
+
 class Forecaster:
     """ΔF of every sample of a density at any condition; contacts are solved once."""
 
@@ -259,6 +267,8 @@ class Forecaster:
         chemistry, scalars = self.chemistry, dict(self.scalars)
         own = np.full(len(self.samples), chemistry.bond_force)
         factor = scalars.pop("bond_force", own) / own
+        if chemistry.interaction is not None:  # each value is simulated
+            scalars = {name: _in_few(values) for name, values in scalars.items()}
         keys = np.stack([*scalars.values(), np.zeros(own.size)], axis=1)
         for values in np.unique(keys, axis=0):
             here = np.flatnonzero((keys == values).all(axis=1))

@@ -599,11 +599,7 @@ def make_model(
     for done, load in enumerate(loads):
         if progress:
             progress(done, len(loads))
-        top = (
-            load * float(unknowns.values[LOAD].max())
-            if LOAD in unknowns.values
-            else load
-        )
+        top = load * float(unknowns.axes[LOAD].max()) if LOAD in unknowns.axes else load
         lowering = max(lowering, largest_lowering(contacts.at(top), widest))
     if progress:
         progress(len(loads), len(loads))

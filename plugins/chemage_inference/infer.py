@@ -30,7 +30,6 @@ from chemage_inference.forward import Model, check_scene, make_model
 from chemage_inference.noise import ErrorModel
 from chemage_inference.problem import (
     REACH,
-    UNITS,
     Data,
     Prior,
     Problem,
@@ -50,8 +49,6 @@ WIDTH = 2.446
 PRIOR_SAMPLES = 400
 #: effective samples below which, and R-hat above which, a note says so
 FEW, APART = 100, 1.05
-#: different values of an unknown among the samples below which its grid is too coarse for its interval
-FEWEST_VALUES = 4
 #: share of the friction at the last hold time from above the visible energies from which a note says so
 MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
@@ -267,7 +264,7 @@ def with_hidden(
                 for matrix in problem.matrices
             ]
         ),
-        samples.points,
+        problem.unknowns.weights(samples.positions),
         samples.factors,
         noise.white(state, problem.values),
         np.stack([noise.white(state, factor * offset) for offset in problem.offsets]),
@@ -299,13 +296,14 @@ def _inference(
     model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
     noise, state = problem.noise, samples.typical
     fitted = samples.calibrations[:, noise.instrument] * samples.fitted(problem)
-    errors = noise.errors(state)
-    chi2 = float(np.sum(((problem.values - fitted.mean(axis=0)) / errors) ** 2))
-    each = np.sum(((problem.values - fitted) / errors) ** 2, axis=1)
+    # in independent combinations of the points, or a correlated error counts as a parameter of the density
+    each = noise.white(state, (problem.values - fitted).T)
+    chi2 = float(np.sum(noise.white(state, problem.values - fitted.mean(axis=0)) ** 2))
     unknowns = problem.unknowns
-    scalars = {name: values[samples.points] for name, values in unknowns.values.items()}
+    scalars = unknowns.values(samples.positions)
     if unknowns.factor is not None:
         scalars["bond_force"] = samples.factors * model.chemistry.bond_force
+    matrix, offset = problem.at(unknowns.nodes[problem.start])
     inference = Inference(
         energies=model.grid.nodes,
         samples=samples.densities,
@@ -319,8 +317,7 @@ def _inference(
         off=samples.off,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=problem.offsets[problem.start]
-        + algebra.product(prior, problem.matrices[problem.start].T),
+        prior_fitted=offset + algebra.product(prior, matrix.T),
         curves=tuple(
             {
                 name: getattr(curve, name)
@@ -333,7 +330,7 @@ def _inference(
         scores=fits[0],
         families=fits[1],
         chi2=chi2,
-        effective_parameters=float(each.mean() - chi2),
+        effective_parameters=float(np.sum(each.var(axis=1))),
         resolution=resolution,
         diagnostics={
             "effective_samples": samples.effective,
@@ -352,7 +349,7 @@ def _inference(
             "cite": _cite(model.scene),
         },
     )
-    notes = dict.fromkeys(_notes(model, problem, samples.points, inference))
+    notes = dict.fromkeys(_notes(model, problem, samples, inference))
     inference = inference.model_copy(update={"notes": tuple(notes)})
     contacts = [model.contacts.at(load) for load, _ in model.keys]
     plugins = {
@@ -396,12 +393,14 @@ def _cite(scene: Scene) -> list[str]:
 
 
 def _notes(
-    model: Model, problem: Problem, points: np.ndarray, inference: Inference
+    model: Model, problem: Problem, samples: Samples, inference: Inference
 ) -> Iterator[str]:
-    """What the user should know; ``points`` (S,) of the grid of scalars are those of the samples."""
+    """What the user should know."""
     visible, diagnostics = inference.visible, inference.diagnostics
     for curve in model.curves:
         yield from (f"{curve.name}: {note}" for note in curve.notes)
+        if cold := units.celsius_meant("temperature", curve.temperature):
+            yield f"{curve.name}: {cold}"
     few = list(_hardly_any(model))
     yield from few
     if not visible.any():
@@ -412,7 +411,7 @@ def _notes(
             f"energies from {low:.3f} to {high:.3f} eV are visible; outside, the density is that of the prior, but for "
             "how many sites lie there and for what the first and last hold times still tell of them"
         )
-        yield from () if few else _above(problem, points, inference)
+        yield from () if few else _above(problem, samples, inference)
         hidden = model.grid.nodes[model.seen() & ~visible]
         if hidden.size:
             yield (
@@ -423,7 +422,6 @@ def _notes(
         low, high = inference.interval(name)
         if high - low > 0.8 * (top - bottom):
             yield f"{name}: its interval is as wide as its bounds, so that the data do not tell it"
-        yield from _coarse(name, inference.scalars[name], problem.unknowns)
     effective, r_hat = diagnostics["effective_samples"], diagnostics["r_hat"]
     if r_hat > APART or effective < FEW:
         yield (
@@ -447,24 +445,13 @@ def _notes(
         yield f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
 
 
-def _coarse(name: str, values: np.ndarray, unknowns: Unknowns) -> Iterator[str]:
-    """A note if the samples (S,) of an unknown lie on so few values of its grid that its interval is not resolved."""
-    different = np.unique(values)
-    if name in unknowns.values and different.size < FEWEST_VALUES:
-        grid = np.unique(unknowns.values[name])
-        first, last = np.searchsorted(grid, different[[0, -1]])
-        low, high = grid[max(first - 1, 0)], grid[min(last + 1, grid.size - 1)]
-        yield (
-            f"{name}: its interval is narrower than the {grid.size} values between its bounds resolve; infer it again "
-            f"with the bounds {low:.4g} to {high:.4g} {UNITS[name][0]}"
-        )
-
-
-def _above(problem: Problem, points: np.ndarray, inference: Inference) -> Iterator[str]:
+def _above(problem: Problem, samples: Samples, inference: Inference) -> Iterator[str]:
     """A note if the friction at the last hold time comes mainly from barriers above the visible energies."""
     high, energies = inference.visible_range[1], inference.energies
     last = int(np.argmax(inference.hold_times))
-    parts = np.abs(inference.samples * problem.matrices[points, last])
+    weights = problem.unknowns.weights(samples.positions)
+    rows = algebra.product(weights, problem.matrices[:, last])
+    parts = np.abs(inference.samples * rows)
     above = parts * (energies > high)
     whole = above.sum(axis=1)
     share = float((whole / np.maximum(parts.sum(axis=1), 1e-300)).mean())

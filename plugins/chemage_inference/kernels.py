@@ -13,7 +13,8 @@ from the last node to the first, x_j has the tail probability v_j in its normal 
 cut at zero (Geweke 1991; Hajivassiliou & McFadden 1998). The choice is drawn anew at fixed v and fixed signs, so that
 the density adapts to it; the probability of a choice is its evidence times the probabilities of the signs. This is a
 non-centred parametrisation (Papaspiliopoulos, Roberts & Sköld, Statist. Sci. 22, 59 (2007)) that rectification does not
-spoil. Memory: a candidate is one Cholesky factor, n² doubles.
+spoil. Memory: a candidate is one Cholesky factor, n² doubles. Unknown scalars are drawn in the same way: another model
+of the measurements takes the place of another choice.
 """
 
 from __future__ import annotations
@@ -288,44 +289,50 @@ def solved(factor, goals):
 
 @kernel(nogil=True)
 def moved(
-    x, choice, level, candidates, inverses, logs, matrix, target, areas, limit, gumbels
+    x, choices, level, inverses, logs, matrices, targets, areas, limits, gumbels, shift
 ):
-    """Draw the choice among ``choice`` and the ``candidates`` (k,) other than it, at fixed v and fixed signs.
+    """Draw among ``choices`` (k,) of the prior and models of the measurements, at fixed v and fixed signs.
 
-    Changes ``x`` (n,) in place, returns the choice. ``gumbels`` (k + 1,) are standard Gumbel numbers, the first that of
-    ``choice``. The others are those of :func:`log_priors` and :func:`log_misfit`.
+    Changes ``x`` (n,) in place and returns which was drawn, from 0; the first is the present one. ``gumbels`` (k,) are
+    standard Gumbel numbers and what the logarithm of the probability has besides. ``matrices`` (1 or k, n, m),
+    ``targets`` and ``limits``: one model, or one for each choice, to which v and signs move by ``shift`` nodes. The
+    others are those of :func:`log_priors` and :func:`log_misfit`.
     """
     n = x.size
-    seen, pull = np.zeros_like(matrix), target.copy()
-    for i in range(n):
-        if x[i] > 0.0:
-            seen[i] = matrix[i]
-            pull -= level * matrix[i]
-    precision = algebra.products(seen, seen.T.copy())
-    goal = algebra.products(seen, pull.reshape((-1, 1)))
-    log_shares, trial, kept = np.empty(n), x.copy(), x.copy()
-    number = np.full(1, choice)
-    best, chosen = -np.inf, choice
-    for k in range(-1, candidates.size):
-        if k >= 0:
-            number[0] = candidates[k]
-            if number[0] == choice:
-                continue
+    signs, log_shares = np.where(x > 0.0, 1.0, -1.0), np.empty(n)
+    trial, kept = x.copy(), x.copy()
+    precision, goal = np.empty((n, n)), np.empty((n, 1))
+    number = np.empty(1, np.int64)
+    best, chosen = -np.inf, 0
+    for k in range(choices.size):
+        number[0] = choices[k]
+        at = min(k, len(matrices) - 1)
+        matrix, target, limit = matrices[at], targets[at], limits[at]
+        if k == 1:
+            signs, log_shares = np.roll(signs, shift), np.roll(log_shares, shift)
+        if k < len(matrices):
+            seen, pull = np.zeros_like(matrix), target.copy()
+            for i in range(n):
+                if signs[i] > 0.0:
+                    seen[i] = matrix[i]
+                    pull -= level * matrix[i]
+            precision = algebra.products(seen, seen.T.copy())
+            goal = algebra.products(seen, pull.reshape((-1, 1)))
         lower = algebra.cholesky(inverses[number[0]] + precision)
         mean = solved(lower, algebra.forward(lower, goal).T)[0]
         after = np.zeros(n)  # of each node, what those after it pull
-        value = gumbels[k + 1]
+        value = gumbels[k]
         for j in range(n - 1, -1, -1):
-            sign, middle = (1.0 if x[j] > 0.0 else -1.0), level + mean[j]
+            sign, middle = signs[j], level + mean[j]
             room = log_tail(sign * (after[j] - lower[j, j] * middle))
-            if k < 0:
+            if k == 0:
                 z = sign * (after[j] + lower[j, j] * (x[j] - middle))
                 log_shares[j] = log_tail(z) - room
             else:
                 z = at_log_tail(log_shares[j] + room)
-                at = middle + (sign * z - after[j]) / lower[j, j]
+                there = middle + (sign * z - after[j]) / lower[j, j]
                 trial[j] = (
-                    max(at, 1e-300) if sign > 0.0 else min(at, 0.0)
+                    max(there, 1e-300) if sign > 0.0 else min(there, 0.0)
                 )  # rounding keeps the sign
             value += room + 0.5 * z * z - math.log(lower[j, j])
             for i in range(j):
@@ -333,7 +340,7 @@ def moved(
         value += log_misfit(trial, matrix, target, areas, limit)
         value += log_priors(trial, level, number, inverses, logs)[0]
         if value > best:
-            best, chosen = value, number[0]
+            best, chosen = value, k
             kept[:] = trial
     x[:] = kept
     return chosen

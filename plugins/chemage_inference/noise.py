@@ -158,7 +158,7 @@ class Noise:
         fitted: np.ndarray,
         rng: np.random.Generator,
     ) -> State:
-        """Another state, given the measured ``values`` (m,) and those of the model, ``fitted`` (m,)."""
+        """Other errors with the same calibration, given measured ``values`` (m,) and those of the model, ``fitted``."""
         model = self.model
         residual = values - self.factor(state) * fitted
         if model.scaled:  # whichever points are off, and these right after it
@@ -179,24 +179,7 @@ class Noise:
                 - 0.5 * (away[1] - away[0])
             )
             state = other if np.log(rng.random()) < gain else state
-        if model.calibration:
-            step = 0.3 * model.calibration * rng.standard_normal(state.calibration.size)
-            other = replace(state, calibration=state.calibration + step)
-            change = self._logs(other, values - self.factor(other) * fitted)
-            change -= self._logs(state, values - self.factor(state) * fitted)
-            gain = np.bincount(self.instrument, change, step.size)
-            gain += self.log_calibrations(other.calibration) - self.log_calibrations(
-                state.calibration
-            )
-            taken = np.log(rng.random(step.size)) < gain
-            state = replace(
-                state, calibration=np.where(taken, other.calibration, state.calibration)
-            )
         return state
-
-    def log_calibrations(self, calibration: np.ndarray) -> np.ndarray:
-        """(instruments,) logarithms of the priors of the logarithms of the calibrations."""
-        return -0.5 * (calibration / self.model.calibration) ** 2
 
     def _scaled(
         self, state: State, residual: np.ndarray, rng: np.random.Generator

@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,10 +47,9 @@ UNITS: dict[str, tuple[str, bool]] = {
 }
 #: name of the true load over the stated one, where that has an error
 LOAD = "load over stated"
-#: values of an unknown on the grid: alone and without interaction, with an interaction or another unknown, with both
-POINTS = 61, 9, 5
-#: steps of the load in sampling for each one that is solved
-FINE = 12
+#: values of one unknown, of each of two and of three on the grid, without and with an interaction; and of the load at
+#: most, for each of which contacts are solved
+POINTS, LOADS = ((31, 13, 9), (9, 5, 5)), 9
 
 
 def matern(smoothness: float, distance: np.ndarray) -> np.ndarray:
@@ -152,70 +151,76 @@ class Unknowns:
     load_error: float = 0.0
 
     @cached_property
-    def values(self) -> dict[str, np.ndarray]:
-        """Name -> (g,) its value at each point of the grid."""
-        meshes = np.meshgrid(*self.axes.values(), indexing="ij")
-        return {
-            name: mesh.ravel() for name, mesh in zip(self.axes, meshes, strict=True)
-        }
+    def nodes(self) -> np.ndarray:
+        """(g, d) positions of the points of the grid, each from 0 to one less than the values of its axis."""
+        shape = [axis.size for axis in self.axes.values()]
+        return np.indices(shape).reshape(len(shape), self.points).T
 
     @property
     def points(self) -> int:
         """Points of the grid."""
         return math.prod(axis.size for axis in self.axes.values())
 
-    def moved(self, point: int, axis: int, steps: int) -> int | None:
-        """The point so many steps along an axis; None beyond the grid."""
-        shape = tuple(each.size for each in self.axes.values())
-        place = list(np.unravel_index(point, shape))
-        place[axis] += steps
-        return (
-            int(np.ravel_multi_index(place, shape))
-            if 0 <= place[axis] < shape[axis]
-            else None
-        )
+    def values(self, positions: np.ndarray) -> dict[str, np.ndarray]:
+        """Name -> (S,) its value at each of the ``positions`` (S, d)."""
+        return {
+            name: np.exp(np.interp(at, np.arange(axis.size), np.log(axis)))
+            if name == LOAD or UNITS.get(name, ("", False))[1]
+            else np.interp(at, np.arange(axis.size), axis)
+            for (name, axis), at in zip(self.axes.items(), positions.T, strict=True)
+        }
 
-    def refined(
-        self, matrices: np.ndarray, offsets: np.ndarray
-    ) -> tuple[Unknowns, np.ndarray, np.ndarray]:
-        """The grid with :data:`FINE` steps for each step of the load, and ``matrices`` (g, m, n) and ``offsets``
-        (g, m) on it, which are smooth functions of the load: by cubic splines."""
-        if LOAD not in self.axes:
-            return self, matrices, offsets
-        from scipy.interpolate import CubicSpline
+    @cached_property
+    def _splines(self) -> list[tuple[np.ndarray, Any]]:
+        """Of each axis the coefficients of cardinal splines, and the cubic B-splines as piecewise polynomials."""
+        from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
-        *others, load = (axis.size for axis in self.axes.values())
-        here, there = np.arange(load), np.linspace(0, load - 1, FINE * (load - 1) + 1)
-        fine = (
-            CubicSpline(
-                here, array.reshape(*others, load, *array.shape[1:]), axis=len(others)
-            )(there).reshape(-1, *array.shape[1:])
-            for array in (matrices, offsets)
-        )
-        axis = np.exp(np.interp(there, here, np.log(self.axes[LOAD])))
-        return replace(self, axes={**self.axes, LOAD: axis}), *fine
+        splines = []
+        for axis in self.axes.values():
+            at, each = np.arange(axis.size), np.eye(axis.size)
+            cardinal = make_interp_spline(at, each)
+            basis = BSpline(cardinal.t, each, cardinal.k)
+            powers = [basis(at[:-1], k) / math.factorial(k) for k in range(4)]
+            splines.append((cardinal.c, PPoly(np.stack(powers[::-1]), at)))
+        return splines
+
+    def coefficients(self, array: np.ndarray) -> np.ndarray:
+        """Of ``array`` (g, ...) at the points of the grid: those whose sums with :meth:`weights` interpolate it."""
+        shape = [axis.size for axis in self.axes.values()]
+        array = array.reshape(*shape, *array.shape[1:])
+        for axis, (inverse, _) in enumerate(self._splines):
+            rows = np.moveaxis(array, axis, 0)
+            array = np.moveaxis(algebra.product(inverse, rows), 0, axis)
+        return np.ascontiguousarray(array).reshape(-1, *array.shape[len(shape) :])
+
+    def weights(self, positions: np.ndarray) -> np.ndarray:
+        """(S, g) of the coefficients at ``positions`` (S, d); at most four along each axis are not 0."""
+        weights = np.ones((len(positions), 1))
+        for (_, polynomials), at in zip(self._splines, positions.T, strict=True):
+            basis = polynomials(at)
+            weights = (weights[:, :, None] * basis[:, None]).reshape(len(at), -1)
+        return weights
 
     def chemistry(self, chemistry: Chemistry, point: int) -> Chemistry:
         """The chemistry at a point of the grid."""
-        values = {
-            name: float(array[point])
-            for name, array in self.values.items()
-            if name != LOAD
-        }
-        return chemistry.replace(**values) if values else chemistry
+        values = self.values(self.nodes[[point]])
+        changed = {name: float(at[0]) for name, at in values.items() if name != LOAD}
+        return chemistry.replace(**changed) if changed else chemistry
 
     def load(self, stated: float, point: int) -> float:
         """The load (nN) of a stated one at a point of the grid."""
-        return (
-            stated * float(self.values[LOAD][point]) if LOAD in self.values else stated
-        )
+        values = self.values(self.nodes[[point]])
+        return stated * float(values[LOAD][0]) if LOAD in values else stated
 
-    @cached_property
-    def log_priors(self) -> np.ndarray:
-        """(g,) logarithms of the prior of each point of the grid, but for a constant."""
-        if LOAD not in self.values:
-            return np.zeros(self.points)
-        return -0.5 * (np.log(self.values[LOAD]) / self.load_error) ** 2
+    def log_prior(self, position: np.ndarray) -> float:
+        """The logarithm of the prior at a ``position`` (d,), but for a constant."""
+        sizes = [axis.size for axis in self.axes.values()]
+        if np.any(position < 0) or np.any(position > np.array(sizes) - 1):
+            return -np.inf
+        if LOAD not in self.axes:
+            return 0.0
+        load = float(self.values(position[None])[LOAD][0])
+        return -0.5 * (math.log(load) / self.load_error) ** 2
 
 
 def unknowns_of(
@@ -233,16 +238,15 @@ def unknowns_of(
     names = (names,) if isinstance(names, str) else names
     bounds = {name: _bounds(name, names, chemistry) for name in names}
     on_grid = [name for name in bounds if name != "bond_force"]
-    count = POINTS[
-        (chemistry.interaction is not None) + (len(on_grid) + (load_error > 0) > 1)
-    ]
+    several = max(len(on_grid) + (load_error > 0), 1)
+    count = POINTS[chemistry.interaction is not None][min(several, 3) - 1]
     axes = [
         (np.geomspace if UNITS[name][1] else np.linspace)(*bounds[name], count)
         for name in on_grid
     ]
     if load_error:
-        on_grid, count = [*on_grid, LOAD], POINTS[1] if len(on_grid) == 0 else count
-        axes.append(np.exp(load_error * np.linspace(-2.5, 2.5, count)))
+        on_grid = [*on_grid, LOAD]
+        axes.append(np.exp(load_error * np.linspace(-2.5, 2.5, min(count, LOADS))))
     factor = None
     if "bond_force" in bounds:
         low, high = np.log(np.array(bounds["bond_force"]) / chemistry.bond_force)
@@ -285,6 +289,30 @@ def _bounds(
     return low, high
 
 
+def summed(weights: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """(...,) sum of ``coefficients`` (g, ...) with ``weights`` (g,), most of which are 0."""
+    used = np.flatnonzero(weights)
+    if used.size == 1:
+        return weights[used[0]] * coefficients[used[0]]
+    return algebra.product(weights[used], coefficients[used])
+
+
+def values_of(
+    densities: np.ndarray,
+    weights: np.ndarray,
+    matrices: np.ndarray,
+    offsets: np.ndarray,
+) -> np.ndarray:
+    """(S, m): offset + matrix @ density of each of ``densities`` (S, n), with ``weights`` (S, g) of the coefficients
+    ``matrices`` (g, m, n) and ``offsets`` (g, m)."""
+    values = np.zeros((len(densities), offsets.shape[1]))
+    for weight, matrix, offset in zip(weights.T, matrices, offsets, strict=True):
+        used = np.flatnonzero(weight)
+        part = offset + algebra.product(densities[used], matrix.T)
+        values[used] += weight[used, None] * part
+    return values
+
+
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Measured values as a linear function of the density: values = factor × (offset + matrix @ density)."""
@@ -302,7 +330,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Measured values as a linear function of the density: values = offset + matrix @ density, at each grid point."""
+    """Measured values as a linear function of the density: values = offset + matrix @ density, for any scalars."""
 
     prior: Prior
     #: (n,) eV
@@ -311,7 +339,7 @@ class Problem:
     values: np.ndarray
     #: the likelihood of residuals, and what is inferred of the errors
     noise: Noise
-    #: (g, m, n) and (g, m)
+    #: (g, m, n) and (g, m): coefficients of splines over the grid of scalars, see :meth:`Unknowns.coefficients`
     matrices: np.ndarray
     offsets: np.ndarray
     unknowns: Unknowns = field(default_factory=Unknowns)
@@ -324,6 +352,11 @@ class Problem:
     def errors(self) -> np.ndarray:
         """(m,) standard errors where a chain begins."""
         return self.noise.errors(self.state or self.noise.start)
+
+    def at(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m, n) and (m,): matrix and offset for the scalars at ``position`` (d,)."""
+        weights = self.unknowns.weights(position[None])[0]
+        return summed(weights, self.matrices), summed(weights, self.offsets)
 
     def settled(self, state: State) -> Problem:
         """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
@@ -363,10 +396,10 @@ NEGLIGIBLE = 0.01
 class Data:
     """What the measurements say of S densities: values, errors and model in standard errors."""
 
-    #: (g, m, n) at every point of the grid of scalars
+    #: (g, m, n): coefficients over the grid of scalars
     matrices: np.ndarray
-    #: (S,) points, and common factors
-    points: np.ndarray
+    #: (S, g) their weights, and (S,) common factors
+    weights: np.ndarray
     factors: np.ndarray
     #: (m,) and (g, m)
     values: np.ndarray
@@ -473,9 +506,7 @@ class Hidden:
         """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
         tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes)
         factor = data.factors[:, None]
-        seen = data.offsets[data.points] + np.einsum(
-            "smn,sn->sm", data.matrices[data.points], rest
-        )
+        seen = values_of(rest, data.weights, data.matrices, data.offsets)
         base, scale = data.values - factor * seen, factor * shares[:, None]
         # only combinations of the measurements that the peaks change
         rows = tables.reshape(-1, tables.shape[-1])
@@ -484,13 +515,15 @@ class Hidden:
             np.abs(algebra.product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE
         ].T
         tables, base = algebra.product(tables, axes), algebra.product(base, axes)
+        # those of each sample, where scalars are unknown
+        tables = algebra.product(data.weights, tables) if len(tables) > 1 else tables
+        row = np.arange(len(base))[:, None] if len(tables) > 1 else 0
 
         def misfit(peaks: Peaks) -> np.ndarray:
             at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
             part = (peaks.place - at)[..., None]
-            point = data.points[:, None]
-            each = (1 - part) * tables[point, peaks.width, at] + part * tables[
-                point, peaks.width, at + 1
+            each = (1 - part) * tables[row, peaks.width, at] + part * tables[
+                row, peaks.width, at + 1
             ]
             residual = base - scale * np.einsum("sk,skm->sm", peaks.shares, each)
             return 0.5 * (residual**2).sum(axis=1)
@@ -589,7 +622,8 @@ def redrawn_outside(
     chosen = np.flatnonzero(rng.random(len(densities)) >= SMOOTH)
     redrawn, some = densities.copy(), densities[chosen]
     if data is not None:
-        data = replace(data, points=data.points[chosen], factors=data.factors[chosen])
+        weights, factors = data.weights[chosen], data.factors[chosen]
+        data = replace(data, weights=weights, factors=factors)
     if inside[0]:
         below = Hidden(grid, 0, int(inside[0]))
         some = below.redrawn(some, below.integral(some), rng, data)

@@ -1,7 +1,8 @@
 """Samples of the posterior: Markov chains that are continued until there are enough, and the measures of that.
 
-A chain moves along lines for the density, by a Gibbs move for what the prior leaves open, and by Metropolis moves for
-unknown scalars.
+A chain moves along lines for the density, and by moves with a density that adapts for what the prior leaves open and
+for the unknown scalars: ⟨f⟩, the calibrations, and those on the grid. Scalars move by differences between their earlier
+values, so that they follow the ridges of their posterior (ter Braak, Stat. Comput. 16, 239 (2006)).
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ from chemage_inference import kernels
 from chemage_inference.noise import State
 from chemage_inference.open import effective as effective_samples
 from chemage_inference.open import r_hat
-from chemage_inference.problem import LEVEL, Problem
+from chemage_inference.problem import LEVEL, STRENGTHS, Problem, summed, values_of
 
 #: chains, and sweeps of each before samples are kept
 CHAINS, WARM = 4, 400
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 250, 1.03, 4000
-#: sweeps of the density for each of the errors, and moves of the calibrations then
-EVERY, CALIBRATIONS = 2, 4
-#: nodes by which a move of a scalar shifts the density, at most
-SHIFT = 2
-#: steps along the grid of scalars at once
-STEPS = 1, 1, 2, 4
+#: R-hat of unknown scalars at which sampling ends
+SCALARS_AGREED = 1.01
+#: sweeps of the density for each of the errors
+EVERY = 2
+#: lengths of moves of the scalars over that of a difference of earlier values, or of the prior
+STEPS = 0.1, 0.3, 1.0
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
 #: passes over the density in a sweep
@@ -50,8 +51,8 @@ NEGLIGIBLE = 2e-3
 class ChainPosition(NamedTuple):
     """Where a chain is, but for its density."""
 
-    #: of the grid of scalars
-    point: int
+    #: (d,) on the grid of scalars
+    position: np.ndarray
     #: logarithm of the common factor
     log_factor: float
     #: the errors of the measurements
@@ -68,8 +69,6 @@ class _Pattern:
     place: ChainPosition
     #: choice, and whether the density is complete -> (n, n) lower factor of the inverse covariance
     factors: dict[tuple[int, bool], np.ndarray] = field(default_factory=dict)
-    #: these, and the points of a factor -> (n,) answer to it, see :meth:`Chain._answer`
-    answers: dict[tuple[int, bool, bytes], np.ndarray] = field(default_factory=dict)
 
 
 class Chain:
@@ -84,7 +83,9 @@ class Chain:
             start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
         )
         self.place = ChainPosition(
-            problem.start, 0.0, problem.state or self.noise.start
+            problem.unknowns.nodes[problem.start].astype(float),
+            0.0,
+            problem.state or self.noise.start,
         )
         # whether no barrier lies above the last energy, so that the integral of the density is 1
         self.complete = False
@@ -92,10 +93,10 @@ class Chain:
         self.densities: list[np.ndarray] = []
         self.places: list[ChainPosition] = []
         self._archive = np.zeros((0, start.size))
+        self._scalars = np.zeros((0, self.scalars(self.place).size))
         self._patterns: list[_Pattern] = []
-        self._last: Any = None, None
+        self._last: Any = None, None, None
         self._sweep = 0
-        self._reduced: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         every = np.arange(len(problem.prior.combinations))
         logs = self._log_priors(self.x, every)
         self.choice = int(np.argmax(logs + rng.gumbel(size=logs.size)))
@@ -103,17 +104,20 @@ class Chain:
     def warm(self, sweeps: int) -> None:
         """Forget the start, and choose the directions; nothing is kept."""
         every = max(sweeps // (2 * PATTERNS), 1)
-        archive = []
+        archive, scalars = [], []
         for sweep in range(sweeps):
             if sweep % every == every - 1:
                 pattern = _Pattern((self.x > 0).astype(float), self.place)
                 self._patterns = [*self._patterns, pattern][-PATTERNS:]
             if sweep == sweeps // 2:
                 self._archive = np.array(archive)
+                self._scalars = np.array(scalars)
             self.step()
             if sweep >= sweeps // 4:
                 archive.append(self.x.copy())
+                scalars.append(self.scalars(self.place))
         self._archive = np.array(archive)[:: max(len(archive) // ARCHIVE, 1)]
+        self._scalars = np.array(scalars)[len(scalars) // 3 :]
 
     def run(self, sweeps: int) -> None:
         """Make and keep more sweeps."""
@@ -127,77 +131,75 @@ class Chain:
         for _ in range(PASSES):
             self._drawn_density()
             self._drawn_complete()
+            if self._widths.size:
+                self._moved_scalars()
+                self._completed()
         self._drawn_choice()
         self._sweep += 1
         if not self.noise.fixed and self._sweep % EVERY == 0:
             self._drawn_errors()
-        if self.problem.unknowns.points > 1 or self.problem.unknowns.factor is not None:
-            for _ in range(6):
-                self._moved_scalars()
 
     # -- the misfit ---------------------------------------------------------------------------------------------------
 
-    def _rotated(self, point: int) -> tuple[np.ndarray, np.ndarray]:
-        """Axes (n, r) of the density that the measurements tell of, and the measurements (m, r) by them."""
-        if point not in self._reduced:
-            matrix = self.problem.matrices[point]
-            axes = algebra.row_axes(matrix / self.problem.errors[:, None], NEGLIGIBLE).T
-            self._reduced[point] = axes, algebra.product(matrix, axes)
-        return self._reduced[point]
+    @cached_property
+    def _rotated(self) -> tuple[np.ndarray, np.ndarray]:
+        """Axes (n, r) of the density that the measurements tell of, and the measurements (g, m, r) by them."""
+        matrices = self.problem.matrices
+        rows = matrices / self.problem.errors[:, None]
+        if len(rows) == 1:
+            axes = algebra.row_axes(rows[0], NEGLIGIBLE).T
+        else:
+            rows = rows.reshape(-1, rows.shape[2])
+            mean_square = algebra.product(rows.T, rows) / len(matrices)
+            axes = algebra.row_axes(mean_square, NEGLIGIBLE**2).T
+        return axes, algebra.product(matrices, axes)
 
     def _rows(
-        self, place: ChainPosition, complete: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (n, r) and target (r,) of the misfit; a complete density has one row more, for its integral."""
-        key = place, complete
-        if self._last[0] != key:
-            self._last = key, self._made_rows(place, complete)
-        return self._last[1]
+        self, place: ChainPosition, mass: float | None
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Matrix (n, r) and target (r,) of the misfit, and the part of χ² that does not depend on the density.
+
+        With a ``mass`` they have one row more, for the integral of the density to be about that.
+        """
+        if self._last[0] is not place or self._last[1] != mass:
+            self._last = place, mass, self._made_rows(place, mass)
+        return self._last[2]
 
     def _made_rows(
-        self, place: ChainPosition, complete: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        axes, _ = self._rotated(place.point)
-        parts, factor = self._slopes(place)
-        offsets = self.problem.offsets[place.point]
+        self, place: ChainPosition, mass: float | None
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        axes, parts = self._rotated
+        weights = self.problem.unknowns.weights(place.position[None])[0]
+        factor = np.exp(place.log_factor) * self.noise.factor(place.state)
+        parts = summed(weights, parts)
+        parts = self.noise.white(place.state, factor[:, None] * parts)
+        offsets = summed(weights, self.problem.offsets)
         goal = self.noise.white(place.state, self.problem.values - factor * offsets)
         lower = algebra.cholesky(
             algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
         )
         matrix = algebra.product(axes, lower)
         target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[:, 0]
-        if complete:
+        rest = float(algebra.product(goal, goal) - algebra.product(target, target))
+        if mass is not None:
             row = self.problem.areas[:, None] / COMPLETE
             matrix = np.concatenate([matrix, row], axis=1)
-            target = np.append(target, 1 / COMPLETE)
-        return np.ascontiguousarray(matrix), target
-
-    def _slopes(self, place: ChainPosition) -> tuple[np.ndarray, np.ndarray]:
-        """(m, r) change of the measurements by the axes, in standard errors, and (m,) their factor."""
-        _, parts = self._rotated(place.point)
-        factor = np.exp(place.log_factor) * self.noise.factor(place.state)
-        return self.noise.white(place.state, factor[:, None] * parts), factor
+            target = np.append(target, mass / COMPLETE)
+        return np.ascontiguousarray(matrix), target, rest
 
     def _mass(self, x: np.ndarray) -> float:
         return float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
 
     def _fitted(self, x: np.ndarray, place: ChainPosition) -> np.ndarray:
         """(m,) values of the model, before the calibration."""
-        matrix = self.problem.matrices[place.point]
-        return np.exp(place.log_factor) * (
-            self.problem.offsets[place.point]
-            + algebra.product(matrix, np.maximum(x, 0.0))
-        )
+        matrix, offset = self.problem.at(place.position)
+        values = offset + algebra.product(matrix, np.maximum(x, 0.0))
+        return np.exp(place.log_factor) * values
 
-    def _misfit(self, x: np.ndarray, place: ChainPosition) -> float:
-        """Half of χ² of all measurements; infinite where the integral of the density exceeds 1."""
-        mass = self._mass(x)
-        if mass > self._limit:
-            return np.inf
-        fitted = self.noise.factor(place.state) * self._fitted(x, place)
-        residual = self.noise.white(place.state, self.problem.values - fitted)
-        misfit = 0.5 * float(algebra.product(residual, residual))
-        return misfit + 0.5 * ((mass - 1) / COMPLETE) ** 2 * self.complete
+    @property
+    def _integral(self) -> float | None:
+        """That of a complete density."""
+        return 1.0 if self.complete else None
 
     @property
     def _limit(self) -> float:
@@ -209,7 +211,7 @@ class Chain:
         """(n, n) lower factor L of the inverse covariance of a pattern, under the present choice of the prior."""
         key = self.choice, self.complete
         if key not in pattern.factors:
-            matrix, _ = self._rows(pattern.place, self.complete)
+            matrix, *_ = self._made_rows(pattern.place, self._integral)
             seen = matrix * pattern.positive[:, None]
             pattern.factors[key] = algebra.cholesky(
                 self.problem.prior.precisions[0][self.choice]
@@ -262,7 +264,7 @@ class Chain:
     def _drawn_density(self) -> None:
         """Draw the process anew along as many lines as it has nodes."""
         problem = self.problem
-        matrix, target = self._rows(self.place, self.complete)
+        matrix, target, _ = self._rows(self.place, self._integral)
         directions = self._directions(self.x.size)
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
@@ -290,114 +292,177 @@ class Chain:
         """Draw the choice of the prior with a density that adapts to it."""
         count = len(self.problem.prior.combinations)
         candidates = self.rng.permutation(count)[: min(CANDIDATES, count)]
-        self.choice = int(
-            kernels.moved(
-                self.x,
-                self.choice,
-                LEVEL,
-                candidates,
-                *self.problem.prior.precisions,
-                *self._rows(self.place, self.complete),
-                self.problem.areas,
-                self._limit,
-                self.rng.gumbel(size=candidates.size + 1),
-            )
+        others = candidates != self.choice
+        choices = np.append(self.choice, candidates[others])
+        gumbels = self.rng.gumbel(size=candidates.size + 1)
+        rows = [self._rows(self.place, self._integral)]
+        gumbels = gumbels[np.append(True, others)]
+        chosen = self._adapted(choices, rows, [self._limit], gumbels)
+        self.choice = int(choices[chosen])
+
+    def _adapted(
+        self,
+        choices: np.ndarray,
+        rows: list[tuple[np.ndarray, np.ndarray, float]],
+        limits: list[float],
+        gumbels: np.ndarray,
+        shift: int = 0,
+    ) -> int:
+        """Which of the choices and models is drawn, with a density that adapts to it."""
+        matrices, targets, _ = zip(*rows, strict=True)
+        return kernels.moved(
+            self.x,
+            choices,
+            LEVEL,
+            *self.problem.prior.precisions,
+            np.stack(matrices),
+            np.stack(targets),
+            self.problem.areas,
+            np.array(limits),
+            gumbels,
+            shift,
         )
 
     # -- errors -------------------------------------------------------------------------------------------------------
 
     def _drawn_errors(self) -> None:
-        """Draw the errors at fixed density, and the calibration with a density that makes up for it."""
+        """Draw the errors at fixed density and calibration."""
         fitted = self._fitted(self.x, self.place)
         state = self.noise.drawn(
             self.place.state, self.problem.values, fitted, self.rng
         )
         self.place = self.place._replace(state=state)
-        if not self.noise.model.calibration:
-            return
-        each = np.eye(state.calibration.size, dtype=bool)
-        # each instrument alone, and all together
-        chosen = [*each, each.any(axis=0)] if len(each) > 1 else each
-        for here in CALIBRATIONS * list(chosen):
-            step = self._step(self.noise.model.calibration)
-            before = self.place.state.calibration
-            after = before + step * here
-            gain = self.noise.log_calibrations(after)
-            gain = gain - self.noise.log_calibrations(before)
-            state = replace(self.place.state, calibration=after)
-            x = self.x + step * self._answer(here[self.noise.instrument])
-            self._move(x, self.place._replace(state=state), float(gain.sum()))
-
-    def _step(self, width: float) -> float:
-        """A step of the logarithm of a factor, small or as large as its ``width``."""
-        return width * float(
-            self.rng.choice([0.1, 0.3, 1.0]) * self.rng.standard_normal()
-        )
-
-    def _answer(self, here: np.ndarray) -> np.ndarray:
-        """(n,) how the density answers to a larger logarithm of the factor of the points ``here`` (m,).
-
-        It is the change of the most probable density of an earlier set of positive nodes, where the model fits, and
-        does not depend on the present density, so that a move by it is reversible.
-        """
-        if not self._patterns:
-            return np.zeros(self.x.size)
-        pattern = self._patterns[self.rng.integers(len(self._patterns))]
-        key = self.choice, self.complete, here.tobytes()
-        if key not in pattern.answers:
-            axes, _ = self._rotated(pattern.place.point)
-            slope, _ = self._slopes(pattern.place)
-            values = np.where(here, self.problem.values, 0.0)
-            white = self.noise.white(pattern.place.state, values)
-            pull = algebra.product(axes, algebra.product(slope.T, white))
-            factor = self._factor(pattern)
-            half = algebra.forward(factor, (pattern.positive * pull)[:, None])
-            pattern.answers[key] = -kernels.solved(factor, half.T)[0]
-        return pattern.answers[key]
-
-    def _move(self, x: np.ndarray, place: ChainPosition, gain: float) -> None:
-        """Move to the density ``x`` (n,) and ``place``, or stay; ``gain`` is that of the prior of the place."""
-        gain += self._misfit(self.x, self.place)
-        after, before = (
-            float(self._log_priors(one, np.array([self.choice]))[0])
-            for one in (x, self.x)
-        )
-        gain += after - before
-        if np.log(self.rng.random()) < gain - self._misfit(x, place):
-            self.x, self.place = x, place
 
     # -- unknown scalars ----------------------------------------------------------------------------------------------
 
-    def _moved_scalars(self) -> None:
-        """Move along the grid of scalars, with the density shifted by whole nodes, and the common factor with it."""
-        unknowns, rng, point = self.problem.unknowns, self.rng, self.place.point
-        everywhere = np.ones(self.problem.values.size, dtype=bool)
-        if unknowns.axes:
-            steps = int(rng.choice([-1, 1]) * rng.choice(STEPS))
-            axis = int(rng.integers(len(unknowns.axes)))
-            other = unknowns.moved(point, axis, steps)
-            if other is not None:
-                # sites react at other energies, or more of them everywhere
-                if rng.random() < 0.5:
-                    x = np.roll(self.x, int(rng.integers(-SHIFT, SHIFT + 1)))
-                else:
-                    rise = self._levels[other] - self._levels[point]
-                    x = self.x + rise * self._answer(everywhere)
-                gain = unknowns.log_priors[other] - unknowns.log_priors[point]
-                self._move(x, self.place._replace(point=other), float(gain))
-        if unknowns.factor is not None:
-            low, high = unknowns.factor
-            step = self._step(0.5)
-            factor = self.place.log_factor + step
-            if low <= factor <= high:
-                # the density falls as the factor rises, or stays
-                fall = step * self._answer(everywhere) * (rng.random() < 0.7)
-                self._move(self.x + fall, self.place._replace(log_factor=factor), 0.0)
+    def scalars(self, place: ChainPosition) -> np.ndarray:
+        """(k,) position on the grid, logarithm of the common factor, logarithms of calibrations: those unknown."""
+        known = self.problem.unknowns.factor is None, not self.noise.model.calibration
+        factor = () if known[0] else (place.log_factor,)
+        calibration = () if known[1] else place.state.calibration
+        return np.concatenate([place.position, factor, calibration])
+
+    def _placed(self, scalars: np.ndarray) -> ChainPosition:
+        """The place with other ``scalars`` (k,)."""
+        size = self.place.position.size
+        position, rest = scalars[:size], scalars[size:]
+        place = self.place._replace(position=position)
+        if self.problem.unknowns.factor is not None:
+            place, rest = place._replace(log_factor=float(rest[0])), rest[1:]
+        if self.noise.model.calibration:
+            place = place._replace(state=replace(place.state, calibration=rest))
+        return place
+
+    def _log_prior(self, place: ChainPosition) -> float:
+        """The logarithm of the prior of the scalars, but for a constant."""
+        low, high = self.problem.unknowns.factor or (0.0, 0.0)
+        if not low <= place.log_factor <= high:
+            return -np.inf
+        width = self.noise.model.calibration or np.inf
+        calibrations = -0.5 * float(np.sum((place.state.calibration / width) ** 2))
+        return calibrations + self.problem.unknowns.log_prior(place.position)
 
     @cached_property
-    def _levels(self) -> np.ndarray:
-        """(g,) logarithms of the sum of all values under a uniform density, at each point of the grid."""
-        return np.log(np.maximum(self.problem.matrices.sum(axis=(1, 2)), 1e-300))
+    def _widths(self) -> np.ndarray:
+        """(k,) about the standard deviations of the scalars in their prior."""
+        unknowns, calibration = self.problem.unknowns, self.noise.model.calibration
+        spans = [axis.size - 1.0 for axis in unknowns.axes.values()]
+        if unknowns.factor is not None:
+            spans.append(unknowns.factor[1] - unknowns.factor[0])
+        count = self.place.state.calibration.size if calibration else 0
+        return np.append(0.3 * np.array(spans), np.full(count, calibration))
+
+    @cached_property
+    def _energies(self) -> np.ndarray:
+        """(g,) nodes below the energies that react within the hold times, but for a constant."""
+        matrices = self.problem.matrices
+        most = np.maximum(np.abs(matrices).max(axis=2), 1e-300)
+        return (matrices.sum(axis=2) / most).mean(axis=1)
+
+    def _moved_scalars(self) -> None:
+        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
+        rng, size, unknowns = self.rng, self._widths.size, self.problem.unknowns
+        if len(self._scalars) > 1 and rng.random() < 0.7:
+            one, other = self._scalars[rng.integers(len(self._scalars), size=2)]
+            step = one - other
+        else:
+            step = self._widths * rng.standard_normal(size)
+            step *= np.arange(size) == rng.integers(size)
+        step *= rng.choice(STEPS) + 0.7 * (len(self._scalars) > 1)
+        place, shift = self._placed(self.scalars(self.place) + step), 0
+        if unknowns.axes and rng.random() < 0.5 and self._log_prior(place) > -np.inf:
+            ends = np.stack([self.place.position, place.position])
+            before, after = algebra.product(unknowns.weights(ends), self._energies)
+            # rounded up or down at random, the move back is as probable
+            shift = int(np.floor(after - before + rng.random()))
+        self._tried(place, 0.0, (self._integral, self._integral), shift)
+
+    def _completed(self) -> None:
+        """Complete the density with a smaller common factor, or open it with a larger one, at about equal values.
+
+        An open density is scaled to one whose integral is about 1; the probability with which that leads back is a
+        further row of the open model.
+        """
+        rng, unknowns = self.rng, self.problem.unknowns
+        direction = np.zeros(self._widths.size)
+        if unknowns.factor is not None:
+            direction[len(unknowns.axes)] = 1.0
+        elif self.noise.model.calibration:
+            direction[len(unknowns.axes) :] = 1.0
+        else:
+            return
+        width = float(self._widths @ direction / direction.sum())
+        if self.complete:
+            step = width * abs(rng.standard_normal())
+            integral = np.exp(-step)
+        else:
+            integral = self._mass(self.x) + COMPLETE * rng.standard_normal()
+            step = -np.log(max(integral, 1e-300))
+        if step < 0:
+            return
+        gain = (
+            step + np.log(4 / (width * np.sqrt(2 * np.pi))) - 0.5 * (step / width) ** 2
+        )
+        sign = 1.0 if self.complete else -1.0
+        integrals = (1.0, integral) if self.complete else (integral, 1.0)
+        place = self._placed(self.scalars(self.place) + sign * step * direction)
+        self._tried(place, -sign * gain, integrals)
+
+    def _tried(
+        self,
+        place: ChainPosition,
+        gain: float,
+        integrals: tuple[float | None, float | None],
+        shift: int = 0,
+    ) -> None:
+        """Move to ``place``, or stay, with a density that adapts; ``gain`` is that of the proposal, logarithmic.
+
+        Different ``integrals`` mean that a density is completed or opened. In half of the moves the strength of the
+        prior falls as the common factor rises.
+        """
+        gain += self._log_prior(place) - self._log_prior(self.place)
+        if not np.isfinite(gain):
+            return
+        flips = integrals[0] != integrals[1]
+        limits = [self._limit, 1.0 + LIMIT - self._limit if flips else self._limit]
+        rows = [
+            self._rows(self.place, integrals[0]),
+            self._made_rows(place, integrals[1]),
+        ]
+        gain += 0.5 * (rows[0][2] - rows[1][2]) - np.log(self.rng.random())
+        rise = place.log_factor + place.state.calibration.mean()
+        rise -= self.place.log_factor + self.place.state.calibration.mean()
+        fall = rise / np.log(STRENGTHS[1] / STRENGTHS[0]) * self.rng.integers(2)
+        strength = self.choice % STRENGTHS.size
+        strength -= int(np.floor(fall + self.rng.random()))
+        if not 0 <= strength < STRENGTHS.size:
+            return
+        other = self.choice - self.choice % STRENGTHS.size + strength
+        choices, gumbels = np.array([self.choice, other]), np.array([0.0, gain])
+        if self._adapted(choices, rows, limits, gumbels, shift):
+            self.place, self.complete = place, self.complete != flips
+            self.choice = other
+            self._last = place, integrals[1], rows[1]
 
     def _log_priors(self, x: np.ndarray, choices: np.ndarray) -> np.ndarray:
         return kernels.log_priors(x, LEVEL, choices, *self.problem.prior.precisions)
@@ -416,9 +481,9 @@ class Samples:
     sweeps: int
 
     @cached_property
-    def points(self) -> np.ndarray:
-        """(S,) of the grid of scalars."""
-        return np.array([place.point for place in self.places])
+    def positions(self) -> np.ndarray:
+        """(S, d) on the grid of scalars."""
+        return np.stack([place.position for place in self.places])
 
     @cached_property
     def factors(self) -> np.ndarray:
@@ -457,12 +522,9 @@ class Samples:
 
     def fitted(self, problem: Problem) -> np.ndarray:
         """(S, m) values of each sample, before the calibration."""
-        if len(problem.matrices) == 1:
-            values = algebra.product(self.densities, problem.matrices[0].T)
-        else:
-            matrices = problem.matrices[self.points]
-            values = np.einsum("smn,sn->sm", matrices, self.densities, optimize=False)
-        return self.factors[:, None] * (problem.offsets[self.points] + values)
+        weights = problem.unknowns.weights(self.positions)
+        values = values_of(self.densities, weights, problem.matrices, problem.offsets)
+        return self.factors[:, None] * values
 
 
 def sample(
@@ -499,15 +561,17 @@ def sample(
         )
         done += more
         densities = np.stack([np.array(chain.densities) for chain in chains])
-        found = [convergence(densities[:, :, watched] if watched.any() else densities)]
-        if not problem.noise.fixed:
-            errors = np.array(
-                [[_errors(at) for at in chain.places] for chain in chains]
+        seen = densities[:, :, watched] if watched.any() else densities
+        found = [(*convergence(seen), AGREED)]
+        for of, end in (_errors, AGREED), (Chain.scalars, SCALARS_AGREED):
+            values = np.array(
+                [[of(chain, at) for at in chain.places] for chain in chains]
             )
-            columns = np.split(errors, errors.shape[2], axis=2)
-            found += [convergence(column) for column in columns]
-        effective, ratio = min(ess for ess, _ in found), max(off for _, off in found)
-        if (effective >= ENOUGH and ratio <= AGREED) or done >= sweeps:
+            columns = np.split(values, values.shape[2], axis=2) if values.size else ()
+            found += [(*convergence(column), end) for column in columns]
+        effective, ratio = min(one[0] for one in found), max(one[1] for one in found)
+        agreed = all(off <= end for _, off, end in found)
+        if (effective >= ENOUGH and agreed) or done >= sweeps:
             break
         more = min(done // 2, sweeps - done)
     if progress:
@@ -519,8 +583,10 @@ def sample(
     return Samples(densities, places, min(effective, float(size)), ratio, done)
 
 
-def _errors(place: ChainPosition) -> list[float]:
-    return [*np.log(place.state.scales), *place.state.calibration]
+def _errors(chain: Chain, place: ChainPosition) -> np.ndarray:
+    """What is inferred of the errors but for the calibration."""
+    state, correlated = place.state, chain.noise.model.correlated
+    return np.append(np.log(state.scales), state.log_time if correlated else ())
 
 
 def convergence(chains: np.ndarray) -> tuple[float, float]:

@@ -103,15 +103,6 @@ def test_points_are_off_with_their_probability(correlated):
     assert off.argmax() == 4
 
 
-def test_a_calibration_is_drawn_from_its_prior_where_nothing_tells():
-    one = noise(calibration=0.1)
-    rng, state, drawn = np.random.default_rng(3), one.start, []
-    for _ in range(20_000):
-        state = one.drawn(state, np.zeros(12), np.zeros(12), rng)
-        drawn.append(state.calibration)
-    assert np.std(drawn) == pytest.approx(0.1, rel=0.1)
-
-
 @pytest.mark.long
 def test_instruments_have_calibrations_of_their_own():
     """Two curves of one density, 20 % apart: the difference is known, and what they share is that of the prior."""
@@ -142,6 +133,18 @@ def test_curves_of_two_instruments_are_told_apart(tmp_path):
     assert [(one.name, one.instrument) for one in found] == [
         ("m, a, 50 nN, 300 K", "a"), ("m, b, 50 nN, 300 K", "b"),
     ]  # fmt: skip
+
+
+@pytest.mark.long
+def test_correlated_errors_are_no_parameters_of_the_density():
+    """25 points whose errors are correlated over 5 e-folds of the time; the density alone takes 6 to 8 parameters."""
+    data = curve(ca.barriers("gaussian", mean=0.95, std=0.1), noise=1e-9)
+    near = np.exp(-np.abs(np.log(TIMES)[:, None] - np.log(TIMES)) / 5)
+    noisy = data.values * (1 + 0.03 * np.linalg.cholesky(near) @ np.random.default_rng(3).standard_normal(25))
+    data = data.model_copy(update={"values": noisy, "errors": 0.03 * data.values})
+    found = ca.infer(data, scene(), families=(), samples=200, errors="correlated")
+    assert 3 < found.effective_parameters < 10
+    assert 10 < found.chi2 < 40
 
 
 WRONG = {

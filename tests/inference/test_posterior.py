@@ -27,10 +27,10 @@ from chemage_inference.kernels import (
     scaled_erfc,
     solved,
 )
-from chemage_inference.noise import fixed
+from chemage_inference.noise import ErrorModel, fixed
 from chemage_inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
 from chemage_inference.result import InferenceResult
-from chemage_inference.sampling import Chain, convergence, sample
+from chemage_inference.sampling import COMPLETE, Chain, convergence, sample
 from chemage_inference.shape import peaks, shares, three_shares
 
 # -- the forward model: quadrature, real contacts, neighbours and their derivative ------------------------------------
@@ -253,14 +253,14 @@ def test_a_choice_that_is_the_only_candidate_changes_nothing():
         chain.step()
     x, before = chain.x.copy(), chain.x.copy()
     matrix, target = np.ascontiguousarray(made.matrices[0].T / made.errors), made.values / made.errors
-    rest = (matrix, target, made.areas, 100.0)
-    assert moved(x, 7, LEVEL, np.array([7]), *prior.precisions, *rest, np.zeros(2)) == 7
+    rest = (LEVEL, *prior.precisions, matrix[None], target[None], made.areas, np.array([100.0]))
+    assert moved(x, np.array([7]), *rest, np.zeros(1), 0) == 0
     assert np.array_equal(x, before)
     # there and back again is where it was, and no sign has changed
-    assert moved(x, 7, LEVEL, np.array([90]), *prior.precisions, *rest, np.array([0, 1e6])) == 90
+    assert moved(x, np.array([7, 90]), *rest, np.array([0, 1e6]), 0) == 1
     assert np.array_equal(x > 0, before > 0)
     assert not np.allclose(x, before, rtol=1e-3)
-    assert moved(x, 90, LEVEL, np.array([7]), *prior.precisions, *rest, np.array([0, 1e6])) == 7
+    assert moved(x, np.array([90, 7]), *rest, np.array([0, 1e6]), 0) == 1
     assert x == pytest.approx(before, rel=1e-6)
 
 
@@ -283,7 +283,7 @@ def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
     made = problem(values=(2.0, 2.0, 1.0), errors=(0.2, 0.2, 0.1))
     made.matrices[0, 1] = made.matrices[0, 0]
     chain = Chain(made, np.ones(12), np.random.default_rng(0))
-    matrix, target = chain._rows(chain.place, False)
+    matrix, target, _ = chain._rows(chain.place, None)
     assert matrix.shape == (12, 2)
     x, other = np.linspace(0.1, 2.0, 12), np.linspace(2.0, 0.5, 12)
 
@@ -325,20 +325,78 @@ def test_the_same_seed_gives_the_same_samples_and_none_has_an_integral_above_one
     assert (first >= 0).all()
 
 
+def test_a_model_that_is_the_only_other_one_is_left_again():
+    """Another matrix, whose signs are shifted: there and back again is where it was."""
+    prior, made = Prior(NODES), problem()
+    matrix, target = made.matrices[0].T / made.errors, made.values / made.errors
+    x = np.linspace(-1.0, 2.0, 12)
+    x[3] = 0.7
+    before = x.copy()
+    ends = np.stack([matrix, np.roll(1.2 * matrix, 2, axis=0)])
+    for models, shift in ((ends, 2), (ends[::-1], -2)):
+        rest = (models.copy(), np.stack([target, target]), made.areas, np.full(2, 100.0))
+        assert moved(x, np.array([7, 7]), LEVEL, *prior.precisions, *rest, np.array([0, 1e6]), shift) == 1
+        if shift == 2:
+            assert np.array_equal(x > 0, np.roll(before > 0, 2))
+    assert x == pytest.approx(before, rel=1e-4)
+
+
+def test_functions_of_two_scalars_are_interpolated_by_splines():
+    unknowns = Unknowns({"activation_volume": np.linspace(0, 1, 9), "attempt_frequency": np.geomspace(1, 100, 13)})
+    function = lambda at: np.sin(at[:, 0] / 2) * np.exp(-at[:, 1] / 5)  # noqa: E731
+    coefficients = unknowns.coefficients(function(unknowns.nodes)[:, None])
+    at = np.random.default_rng(0).uniform([0, 0], [8, 12], (500, 2))
+    assert unknowns.weights(at) @ coefficients[:, 0] == pytest.approx(function(at), abs=1e-3)
+    assert unknowns.weights(unknowns.nodes) @ coefficients[:, 0] == pytest.approx(function(unknowns.nodes), abs=1e-12)
+    assert (unknowns.weights(at) != 0).sum(axis=1).max() == 16
+    values = unknowns.values(np.array([[4.0, 6.0]]))
+    assert [float(value[0]) for value in values.values()] == pytest.approx([0.5, 10.0])
+
+
+RATIO = np.linspace(0.5, 1.5, 5)
+UNKNOWN = {
+    "factor": Unknowns(factor=(-1.0, 1.0)),
+    "ratio": Unknowns({"ratio": RATIO}),
+    "both": Unknowns({"ratio": RATIO}, (-1.0, 1.0)),
+}
+
+
 @pytest.mark.long
-def test_a_scalar_on_a_grid_moves_to_the_values_that_fit():
-    """Two conditions whose ratio depends on the scalar alone."""
-    nodes = NODES[:3]
-    ratio = np.linspace(0.5, 1.5, 11)
-    matrices = np.stack([np.stack([np.ones(3), r * np.ones(3)]) / 3 for r in ratio])
-    made = Problem(
-        Prior(nodes), np.full(3, 0.02), np.array([2.0, 2.4]), fixed(np.array([0.05, 0.05])), matrices, np.zeros((11, 2)),
-        Unknowns({"ratio": ratio}),
-    )  # fmt: skip
-    found = sample(made, np.full(3, 2.0), samples=600, seed=2)
-    values = ratio[found.points]
-    assert values.mean() == pytest.approx(1.2, abs=0.04)
-    assert 0.02 < values.std() < 0.12
+@pytest.mark.parametrize("name", UNKNOWN)
+@pytest.mark.parametrize("calibration", [0.0, 0.2])
+def test_scalars_have_the_posterior_of_importance_sampling(name, calibration):
+    """Of three nodes, whose integral is often about 1: there the density may be complete."""
+    unknowns, nodes, areas = UNKNOWN[name], NODES[:3], np.full(3, 0.3)
+    ratio = RATIO if unknowns.axes else np.ones(1)
+    rows = np.random.default_rng(3).uniform(0.5, 1.0, (2, 3)) / 3
+    matrices = unknowns.coefficients(np.stack([rows * [[1.0], [r]] for r in ratio]))
+    values, errors = np.array([0.8, 0.9]), np.array([0.2, 0.2])
+    noise = replace(fixed(errors), model=ErrorModel(calibration=calibration))
+    made = Problem(Prior(nodes), areas, values, noise, matrices, np.zeros((ratio.size, 2)), unknowns)
+    found = sample(made, np.ones(3), samples=3000, seed=1, sweeps=2500)
+    rng, draws, weights = np.random.default_rng(5), [], []
+    for choice in range(len(made.prior.combinations)):
+        factor = np.linalg.cholesky(made.prior.covariance(choice))
+        density = np.maximum(LEVEL + rng.standard_normal((20_000, 3)) @ factor.T, 0.0)
+        # position on the grid, common factor, calibration
+        at = rng.uniform(0, 4, 20_000) if unknowns.axes else np.zeros(20_000)
+        log = rng.uniform(-1, 1, 20_000) if unknowns.factor else np.zeros(20_000)
+        shared = calibration * rng.standard_normal(20_000)
+        fitted = density @ rows.T * np.exp(log + shared)[:, None]
+        fitted[:, 1] *= 0.5 + at / 4 if unknowns.axes else 1.0
+        mass = density @ areas
+        complete = 2 * np.exp(-0.5 * ((mass - 1) / COMPLETE) ** 2) / (COMPLETE * np.sqrt(2 * np.pi))
+        weights.append(np.exp(-0.5 * (((fitted - values) / errors) ** 2).sum(axis=1)) * ((mass <= 1) + complete))
+        draws.append(np.stack([at, log, shared, mass], axis=1))
+    weight, drawn_ = np.concatenate(weights), np.concatenate(draws)
+    mean = weight @ drawn_ / weight.sum()
+    spread = np.sqrt(weight @ (drawn_ - mean) ** 2 / weight.sum())
+    at = found.positions[:, 0] if unknowns.axes else np.zeros(len(found.factors))
+    sampled = np.stack([at, np.log(found.factors), np.log(found.calibrations[:, 0]), found.densities @ areas], axis=1)
+    assert sampled.mean(axis=0) == pytest.approx(mean, abs=0.1 * spread.max() + 1e-9)
+    for mine, middle, theirs in zip(sampled.T, mean, spread, strict=True):
+        assert mine.mean() == pytest.approx(middle, abs=0.12 * theirs + 1e-9)
+        assert mine.std() == pytest.approx(theirs, rel=0.1, abs=1e-9)
 
 
 def test_chains_that_differ_are_seen():
@@ -381,7 +439,7 @@ def test_an_upper_end_of_90_percent_is_held_by_all_sites_in_one_narrow_peak(monk
     rates = np.exp(-(GRID.nodes - 0.9) / kt) * GRID.areas
     data = Data(
         rates[None, None] / 0.003,
-        np.zeros(count, dtype=np.int64),
+        np.ones((count, 1)),
         np.ones(count),
         np.array([33.3]),
         np.zeros((1, 1)),
@@ -401,9 +459,7 @@ def test_peaks_have_the_posterior_of_importance_sampling(monkeypatch):
     kt = 0.04
     rates = np.exp(-(GRID.nodes - 0.9) / kt) * GRID.areas
     hidden, count = Hidden(GRID, FIRST, GRID.count), 1500
-    data = Data(
-        rates[None, None] / 0.02, np.zeros(count, dtype=np.int64), np.ones(count), np.array([5.0]), np.zeros((1, 1)), kt
-    )
+    data = Data(rates[None, None] / 0.02, np.ones((count, 1)), np.ones(count), np.array([5.0]), np.zeros((1, 1)), kt)
     empty = np.zeros((count, GRID.count))
     found = hidden.redrawn(empty, np.ones(count), np.random.default_rng(3), data)
     prior = hidden.redrawn(np.zeros((100_000, GRID.count)), np.ones(100_000), np.random.default_rng(4))

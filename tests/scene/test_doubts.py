@@ -20,7 +20,12 @@ NO_SPAN = {"hold.start": None, "hold.stop": None}
 
 #: scene, changes, what the plan warns of
 DOUBTFUL = {
-    "25 K for 25 °C": (PATCH, {"hold.temperature": 25.0}, 'is 25 °C meant? Write temperature = "25 degC"'),
+    "25 K for 25 °C": (PATCH, {"hold.temperature": 25.0}, 'hold.temperature = 25 K: is 25 °C meant? Write "25 degC"'),
+    "27 K with the barriers that 27 K gives": (
+        TIP,
+        {"hold.temperature": 27.0, "forming": {"kind": "uniform", "lower": 0.05, "upper": 0.16}},
+        'hold.temperature = 27 K: is 27 °C meant? Write "27 degC", which is 300.15 K',
+    ),
     "30 K on a tip": (TIP, {"hold.temperature": 30.0}, "no bond is expected at 30 K and 100000 s, none in all"),
     "fit window after the hold times": (
         PATCH,

@@ -85,6 +85,7 @@ def fewer_samples(patch: pytest.MonkeyPatch) -> None:
     """Means and bands of an inference need fewer effective samples than users get."""
     patch.setattr(sampling, "ENOUGH", 60)
     patch.setattr(sampling, "AGREED", 1.1)
+    patch.setattr(sampling, "SCALARS_AGREED", 1.1)
     patch.setattr(families, "SHORT_SWEEPS", 40)
 
 

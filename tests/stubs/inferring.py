@@ -30,4 +30,5 @@ def fewer_sweeps(monkeypatch):
 def few_effective(monkeypatch):
     """End sampling at a third of the effective samples that are usual."""
     monkeypatch.setattr("chemage_inference.sampling.ENOUGH", 100)
-    monkeypatch.setattr("chemage_inference.sampling.AGREED", 1.06)
+    for name in ("AGREED", "SCALARS_AGREED"):
+        monkeypatch.setattr(f"chemage_inference.sampling.{name}", 1.06)
