@@ -170,7 +170,6 @@ SECOND = {
     ("surface", "roughened", 0),
     ("surface", "roughened", 1),
     ("contact", "adhesive-bem", 0),
-    ("contact", "adhesive-bem", 1),
     # the kinetics of these is compared with the master equation elsewhere too
     ("engine", "bkl", 0),
     ("engine", "next-reaction", 0),
@@ -225,7 +224,7 @@ def cases(slow: bool) -> list[Any]:
     """Every kind with its options; ``slow``: those with checks that take longest."""
 
     def marks(role: str, kind: str, number: int) -> list[pytest.MarkDecorator]:
-        if slow and kind in ("auto", "next-reaction"):
+        if (slow and kind in ("auto", "next-reaction")) or (kind, number) == ("adhesive-bem", 1):
             return [pytest.mark.campaign]
         return [pytest.mark.long] if (role, kind, number) in SECOND else []
 
