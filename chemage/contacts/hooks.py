@@ -88,7 +88,7 @@ class _Contact(Stage):
     def read_beside(self, name: str, value: Any, parts: Parts) -> Any:
         """The load in nN; a nominal pressure is multiplied by the nominal area that the surface will have."""
         from chemage.contacts.options import nominal_pressure, normal_force
-        from chemage.contacts.role import sought_pressure
+        from chemage.contacts.role import is_sought
         from chemage.foundation.errors import InputError
 
         if value is None:
@@ -96,7 +96,7 @@ class _Contact(Stage):
                 'is required; give the normal force, such as load = "20 uN", or a nominal pressure'
             )
         solver, maker = parts.get(self.section), parts.get("surface")
-        if nominal_pressure(value) is None and sought_pressure(value) is None:
+        if nominal_pressure(value) is None and not is_sought(value):
             return normal_force(
                 value, None, flat=True, signed=solver is None or solver.adheres
             )

@@ -217,6 +217,11 @@ def contact(kind: str, **options: Any) -> Any:
     return registry.current().make("contact", kind, options)
 
 
+def is_sought(load: object) -> bool:
+    """Whether a load is one such as ``"3 GPa over contact"`` or ``"as rough.h5"``; no file is read."""
+    return isinstance(load, str) and (load.startswith(AS) or load.endswith(OVER))
+
+
 def sought_pressure(load: object) -> float | None:
     """The mean contact pressure (GPa) in a load such as ``"3 GPa over contact"``, or ``"as rough.h5"``: of the contact
     in a file of results; None in another load.
@@ -228,14 +233,14 @@ def sought_pressure(load: object) -> float | None:
     StoreError
         There is no such file.
     """
-    if isinstance(load, str) and load.startswith(AS):
+    if not isinstance(load, str) or not is_sought(load):
+        return None
+    if load.startswith(AS):
         kinds = {"contact": ContactSolution, "statistics": ContactStatistics}
         found = container.read(load.removeprefix(AS), kinds)[0].values()
         pressure = sum(contact.mean_contact_pressure for contact in found)
-    elif isinstance(load, str) and load.endswith(OVER):
-        pressure = convert(load.removesuffix(OVER), "GPa", "load")
     else:
-        return None
+        pressure = convert(load.removesuffix(OVER), "GPa", "load")
     if not 0 < pressure < math.inf:
         problem = (
             "must be a pressure that is finite and above zero, or a file with a contact"

@@ -72,7 +72,7 @@ class HalfSpaceSolver(ContactSolver, ABC):
 
     def solution(self, surface: Surface, **fields: Any) -> ContactSolution:
         """The contact of ``surface`` with these fields, whose arrays are frozen."""
-        fields["convergence"] |= {"summit": surface.missed_peak}
+        told = {**fields["convergence"], "summit": surface.missed_peak}
         for value in fields.values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
@@ -84,7 +84,7 @@ class HalfSpaceSolver(ContactSolver, ABC):
             "rms_height": surface.rms_height,
             "provenance": self.provenance(surface),
         }
-        return ContactSolution(**known | fields)
+        return ContactSolution(**known | fields | {"convergence": told})
 
 
 class SphereSolver(HalfSpaceSolver, ABC):

@@ -256,11 +256,12 @@ class AdhesiveBEM(GridSolver):
                 3 * abs(other[name].value - value) / (k**2 - 1) for k, other in others
             ]
             sizes = [size for size in sizes if math.isfinite(size)]
-            held = self.range if unit == "nm" else HELD["dugdale"] * abs(value)
+            scale = self.range if unit == "nm" else abs(value)
+            held = scale if unit == "nm" else HELD["dugdale"] * scale
             if name == "dissipated":
                 held = LOST * self.range * found["pull_off"].value
             size = max(*sizes, ramp * held) if sizes else math.nan
-            bound = self.tolerance * (self.range if unit == "nm" else abs(value))
+            bound = self.tolerance * scale
             found[name] = more_errors(
                 found[name],
                 iteration=(bound, "the tolerance, of the value or of the range"),

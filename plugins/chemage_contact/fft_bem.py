@@ -281,7 +281,6 @@ class FFTBEM(GridSolver):
             return ()
         size = surface["pixel_size"]
         area = surface["nx"] * surface["ny"] * size**2
-        self.check_body(area, size, load)
         self._check_range(area, size, load)
         doubts = []
         # to the outermost pixels, which must not touch (see _at_edge)
@@ -327,7 +326,8 @@ class FFTBEM(GridSolver):
         )
 
     def _check_range(self, area: float, pixel_size: float, load: float) -> None:
-        """Refuse pressures that leave the range of numbers; ``area`` nominal, nm²."""
+        """As :meth:`check_body`, and refuse pressures that leave the range of numbers."""
+        self.check_body(area, pixel_size, load)
         if load == 0:
             return
         pressure = load / area
@@ -361,7 +361,6 @@ class FFTBEM(GridSolver):
     def _solve(
         self, surface: Surface, load: float, start: ContactSolution | None
     ) -> ContactSolution:
-        self.check_body(surface.nominal_area, surface.pixel_size, load)
         self._check_range(surface.nominal_area, surface.pixel_size, load)
         if load == 0:
             return self._untouched(surface, 0.0)

@@ -30,8 +30,9 @@ ENOUGH, AGREED, MOST_SWEEPS = 250, 1.03, 4000
 SCALARS_AGREED = 1.01
 #: sweeps of the density for each of the errors
 EVERY = 2
-#: lengths of moves of the scalars over that of a difference of earlier values, or of the prior
-STEPS = 0.1, 0.3, 1.0
+#: lengths of moves of the scalars over that of a difference of earlier values, or of the prior, before there are earlier
+#: values; by how much they are larger then
+STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
 #: passes over the density in a sweep
@@ -388,7 +389,7 @@ class Chain:
         else:
             step = self._widths * rng.standard_normal(size)
             step *= np.arange(size) == rng.integers(size)
-        step *= rng.choice(STEPS) + 0.7 * (len(self._scalars) > 1)
+        step *= rng.choice(STEPS) + LONGER * (len(self._scalars) > 1)
         place, shift = self._placed(self.scalars(self.place) + step), 0
         if unknowns.axes and rng.random() < 0.5 and self._log_prior(place) > -np.inf:
             ends = np.stack([self.place.position, place.position])

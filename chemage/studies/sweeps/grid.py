@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from chemage.contacts.options import nominal_pressure
-from chemage.contacts.role import sought_pressure
+from chemage.contacts.role import is_sought
 from chemage.contacts.theory import no_map
 from chemage.foundation.components import Component
 from chemage.foundation.container import read_json, sealed_json
@@ -267,7 +267,7 @@ def _wrong(path: str, values: Any) -> str:
 
 def _of_load(load: Any) -> tuple[bool, bool]:
     """Whether it is a nominal pressure, and one over the contact."""
-    return nominal_pressure(load) is not None, sought_pressure(load) is not None
+    return nominal_pressure(load) is not None, is_sought(load)
 
 
 # -- validation of all points -----------------------------------------------------------------------------------------
