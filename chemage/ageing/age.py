@@ -119,7 +119,9 @@ def age(
         checked_seed(seed)
     threads = available() if threads is None else checked_count("threads", threads)
     method = EVERY_SITE if method is None else method
-    expect("method", method, AgeingMethod, 'make one with chemage.ageing_method("...")')
+    expect(
+        "method", method, AgeingMethod, 'make one with chemage.ageing_method("...")'
+    )
     check_contact("contact: it", contact.has_map, method, chemistry)
     check_method(method, chemistry, engine, rupture, observe)
     times, kelvin = check_times(hold_times), temperature_value(temperature)
@@ -129,10 +131,22 @@ def age(
         expect("checkpoints", checkpoints, Path, "give a pathlib.Path")
     if progress is not None and not callable(progress):
         raise InputError.of(
-            "progress", progress, "cannot be called", "give a function, or leave it out"
+            "progress",
+            progress,
+            "cannot be called",
+            "give a function, or leave it out",
         )
     report = counted("ageing", method.steps, progress)
-    how = replicas, seed, common, rupture, tuple(observe), threads, report, checkpoints
+    how = (
+        replicas,
+        seed,
+        common,
+        rupture,
+        tuple(observe),
+        threads,
+        report,
+        checkpoints,
+    )
     request = AgeingRequest(contact, chemistry, engine, times, kelvin, *how)
     about = f"{method.kind}: {engine.kind}, {replicas} replicas, {times.size} hold times, {kelvin:g} K"
     with logged("ageing", about) as outcome:
@@ -153,7 +167,9 @@ def _check_parts(
     )
     expect("engine", engine, Engine, 'make one with chemage.engine("bkl")')
     if rupture is not None:
-        expect(Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")')
+        expect(
+            Rupture.role, rupture, Rupture, 'make one with chemage.rupture("...")'
+        )
     listed = 'give a list of chemage.observable("barrier-spectrum")'
     if not isinstance(observe, list | tuple):
         raise InputError.of("observe", observe, "is no list", listed)
@@ -165,7 +181,11 @@ def _check_parts(
 
 def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
     """What ``method`` finds, which must be of the whole contact and at the hold times that were asked for."""
-    contact, chemistry, observe = request.contact, request.chemistry, request.observe
+    contact, chemistry, observe = (
+        request.contact,
+        request.chemistry,
+        request.observe,
+    )
     with recording() as block, taking_part() as took_part:
         aged = method.age(request)
     if not isinstance(aged, AgedBonds):
@@ -206,7 +226,11 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             errors=dict(aged.errors),
             error_sources=dict(aged.error_sources),
             engine=aged.engine or request.engine.kind,
-            notes=(*aged.notes, *remarks, *_left_out(request, method, aged, plugins)),
+            notes=(
+                *aged.notes,
+                *remarks,
+                *_left_out(request, method, aged, plugins),
+            ),
             contact=contact.summary(),
             elasticity=elastic_limits(contact, chemistry),
             observables=dict(aged.observables)
@@ -243,7 +267,10 @@ def _recorded(
 
 
 def _left_out(
-    request: AgeingRequest, method: AgeingMethod, aged: AgedBonds, took_part: Plugins
+    request: AgeingRequest,
+    method: AgeingMethod,
+    aged: AgedBonds,
+    took_part: Plugins,
 ) -> Iterator[str]:
     """Notes of the plugins that would see the sites of a replica and did not, and of what components would record of
     the replicas, which the method does not give."""
@@ -253,13 +280,20 @@ def _left_out(
         yield f"ageing {method.kind!r} does not give the sites of a replica to plugins: {names} took no part"
     parts = components_in(request.engine, request.rupture)
     if missed := [
-        name for part in parts for name in part.outputs if name not in aged.observables
+        name
+        for part in parts
+        for name in part.outputs
+        if name not in aged.observables
     ]:
         yield f"ageing {method.kind!r} does not keep what replicas record: {', '.join(missed)}"
 
 
 def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
-    chemistry, rupture, observe = request.chemistry, request.rupture, request.observe
+    chemistry, rupture, observe = (
+        request.chemistry,
+        request.rupture,
+        request.observe,
+    )
     sites = chemistry.site_notes(request.contact)
     return {
         "chemistry": {
@@ -312,7 +346,10 @@ def with_members(
     members = list(chemistry.forming.members(MEMBERS))
     if not members:
         return aging
-    method, sites = how.get("method") or EVERY_SITE, max(float(aging.sites.mean()), 1.0)
+    method, sites = (
+        how.get("method") or EVERY_SITE,
+        max(float(aging.sites.mean()), 1.0),
+    )
     replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
     how |= {
         "replicas": replicas,
@@ -325,9 +362,9 @@ def with_members(
     every = [chemistry.forming, *members]
 
     def aged(number: int) -> np.ndarray:
-        return age(contact, chemistry.replace(forming=every[number]), **how).bonds.mean(
-            axis=0, dtype=np.float64
-        )
+        return age(
+            contact, chemistry.replace(forming=every[number]), **how
+        ).bonds.mean(axis=0, dtype=np.float64)
 
     own, *others = in_order(aged, len(every), threads or available(), progress)
     ratios = np.stack(

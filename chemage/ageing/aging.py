@@ -177,14 +177,17 @@ class Aging(Observing, Record):
                     f"{name}: give one number for each of the {self.replicas} replicas"
                 )
             if counted.min(initial=0) < 0:
-                raise ValueError(f"{name}: {counted.min()} is negative; give counts")
+                raise ValueError(
+                    f"{name}: {counted.min()} is negative; give counts"
+                )
         self._check_errors()
         if (negative := self.bonds < -self._scatter).any():
             raise ValueError(
                 f"bonds: {self.bonds[negative][0]} is negative; give counts"
             )
         if (
-            too_many := self.bonds - self._scatter > self.sites[:, None] * (1 + 1e-12)
+            too_many := self.bonds - self._scatter
+            > self.sites[:, None] * (1 + 1e-12)
         ).any():
             replica, at = np.argwhere(too_many)[0]
             raise ValueError(
@@ -196,7 +199,9 @@ class Aging(Observing, Record):
                 raise ValueError(
                     f"rupture_force: shape {self.rupture_force.shape}; give {self.bonds.shape}, as for bonds"
                 )
-            if not (np.isfinite(self.rupture_force) & (self.rupture_force >= 0)).all():
+            if not (
+                np.isfinite(self.rupture_force) & (self.rupture_force >= 0)
+            ).all():
                 raise ValueError(
                     "rupture_force: has numbers that are negative or not finite; give forces in nN"
                 )
@@ -396,7 +401,9 @@ class Aging(Observing, Record):
         return line_slopes(self.hold_times, self.friction_drop, window) / self.load
 
     def fit(
-        self, start: QuantityLike = FIT_WINDOW[0], stop: QuantityLike = FIT_WINDOW[1]
+        self,
+        start: QuantityLike = FIT_WINDOW[0],
+        stop: QuantityLike = FIT_WINDOW[1],
     ) -> Fit:
         """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
 
@@ -479,7 +486,9 @@ class Aging(Observing, Record):
             else "1 replica"
         )
 
-    def quantities(self, window: tuple[float, float] = FIT_WINDOW) -> list[Quantity]:
+    def quantities(
+        self, window: tuple[float, float] = FIT_WINDOW
+    ) -> list[Quantity]:
         """The limits of the elastic model, what was recorded, and the fit over ``window`` (s); where there is none,
         why."""
         numbers = [Quantity("sites", "1", "sites", value=float(self.sites.mean()))]
@@ -492,7 +501,9 @@ class Aging(Observing, Record):
             )
             numbers.append(ELASTIC_MEASURES[name].but(value=value, of=of))
         numbers += [
-            output.quantity() for output in self.measured.values() if output.is_number
+            output.quantity()
+            for output in self.measured.values()
+            if output.is_number
         ]
         fit, reason = fit_or_reason(self, window)
         if fit is None:
@@ -504,9 +515,15 @@ class Aging(Observing, Record):
         beta, *others = fit.quantities()
         how = f"measured here, {self.replicas} replicas on this one surface"
         replicas = (
-            {"replicas": ErrorPart(fit.beta_stderr, how)} if self.replicas > 1 else {}
+            {"replicas": ErrorPart(fit.beta_stderr, how)}
+            if self.replicas > 1
+            else {}
         )
-        return [*numbers, beta.but(errors=replicas | beta_parts(self, window)), *others]
+        return [
+            *numbers,
+            beta.but(errors=replicas | beta_parts(self, window)),
+            *others,
+        ]
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays with the names, dimensions and units of the file, and the curves of friction of the file: means
@@ -552,7 +569,9 @@ class Aging(Observing, Record):
     __str__ = __repr__
 
 
-def fit_or_reason(aging: Aging, window: tuple[float, float]) -> tuple[Fit | None, str]:
+def fit_or_reason(
+    aging: Aging, window: tuple[float, float]
+) -> tuple[Fit | None, str]:
     """The line of Δμ over ``window`` (s), or None and why it cannot be fitted, in words."""
     if reason := why_not_fitted(aging.hold_times, window):
         return None, reason
@@ -589,7 +608,8 @@ def beta_parts(aging: Aging, window: tuple[float, float]) -> dict[str, ErrorPart
         if np.isfinite(of_members).all():
             parts[BARRIERS] = float(of_members.std(ddof=1))
     return {
-        name: ErrorPart(size, aging.error_sources[name]) for name, size in parts.items()
+        name: ErrorPart(size, aging.error_sources[name])
+        for name, size in parts.items()
     }
 
 
@@ -614,7 +634,9 @@ def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
     if fit is None:
         return Derived(stored_curves(aging), {})
     numbers: dict[str, Any] = {
-        name: value for one in fit.quantities() for name, value in one.numbers().items()
+        name: value
+        for one in fit.quantities()
+        for name, value in one.numbers().items()
     }
     ends = {
         "fit_window": np.array(window, dtype=np.float64),
@@ -630,9 +652,13 @@ ELASTIC_MEASURES: dict[str, Quantity] = by_name(
             "hardness", "GPa", "hardness", "", "hardness of the material", Rank.REST
         ),
         Quantity(
-            "area_above_hardness", "1", "share of the contact area above the hardness"
+            "area_above_hardness",
+            "1",
+            "share of the contact area above the hardness",
         ),
-        Quantity("load_above_hardness", "1", "share of the load above the hardness"),
+        Quantity(
+            "load_above_hardness", "1", "share of the load above the hardness"
+        ),
         Quantity(
             "mean_shear_stress",
             "GPa",
@@ -704,7 +730,9 @@ def elastic_measures(aging: Aging | None) -> dict[str, float]:
     if math.isfinite(stress := aging.mean_shear_stress):
         measures["mean_shear_stress"] = stress
         if "shear_strength" in measures:
-            measures["shear_stress_to_strength"] = stress / measures["shear_strength"]
+            measures["shear_stress_to_strength"] = (
+                stress / measures["shear_strength"]
+            )
     return {name: measures[name] for name in ELASTIC_MEASURES if name in measures}
 
 
@@ -758,6 +786,8 @@ def bond_errors(aging: Aging | None) -> dict[str, Any]:
     if aging is None or not aging.errors:
         return {}
     return {
-        "bond_errors": {name: error.tolist() for name, error in aging.errors.items()},
+        "bond_errors": {
+            name: error.tolist() for name, error in aging.errors.items()
+        },
         "bond_error_sources": aging.error_sources,
     }

@@ -16,7 +16,13 @@ from itertools import pairwise, zip_longest
 from statistics import NormalDist
 from typing import Any
 
-from chemage.foundation.errors import InputError, UnitError, nearest, shortened, shown
+from chemage.foundation.errors import (
+    InputError,
+    UnitError,
+    nearest,
+    shortened,
+    shown,
+)
 from chemage.foundation.tables import Cell, Cells, lines_of
 from chemage.foundation.units import convert
 
@@ -282,7 +288,9 @@ def _stacked(lines: Sequence[Sequence[Cell]]) -> list[str]:
 
 
 def _is_unit(text: str) -> bool:
-    return text in ("1", "N") or (len(text) < 12 and _meaning(_parted(text)[0]) is None)
+    return text in ("1", "N") or (
+        len(text) < 12 and _meaning(_parted(text)[0]) is None
+    )
 
 
 def _textual(cells: Sequence[Cell]) -> bool:
@@ -346,7 +354,9 @@ def _matched(text: str) -> re.Match[str] | None:
 
 
 def _is_number(cell: Cell) -> bool:
-    return not isinstance(cell, str) or bool(_matched(cell) or _CLOCK.fullmatch(cell))
+    return not isinstance(cell, str) or bool(
+        _matched(cell) or _CLOCK.fullmatch(cell)
+    )
 
 
 def is_missing(cell: Cell) -> bool:
@@ -389,7 +399,12 @@ class ColumnTable:
         return value
 
     def measured(
-        self, row: Cells, name: str, one: Heading, target: str, of: float | None = None
+        self,
+        row: Cells,
+        name: str,
+        one: Heading,
+        target: str,
+        of: float | None = None,
     ) -> tuple[float, float | None]:
         """A number and the standard error that its cell states, both in the unit ``target``."""
         where, cell = f"{row[1]}, column {name}", row[2][one.place]
@@ -414,14 +429,18 @@ class ColumnTable:
         if (match := _matched(cell)) is None:
             lost = is_missing(cell) or cell.casefold() in ("inf", "-inf")
             remedy = (
-                "fill in the number, or leave that row out" if lost else _PLAIN_NUMBERS
+                "fill in the number, or leave that row out"
+                if lost
+                else _PLAIN_NUMBERS
             )
             raise InputError(
                 f"{where}: {shown(cell)} is not a {'finite ' * lost}number; {remedy}"
             )
         number, after = self._float(match["value"]), match["after"]
         sides = [
-            self._float(text) for text in match.group("error", "plus", "minus") if text
+            self._float(text)
+            for text in match.group("error", "plus", "minus")
+            if text
         ]
         if match["last"]:  # 12.3(4): of the last digits
             decimals = len(match["value"].partition(self.decimal)[2])
@@ -556,7 +575,9 @@ def read_columns(
             f"{len(remarks)} line{'s' * (len(remarks) > 1)} without numbers left out: "
             + shortened("; ".join(remarks), 120)
         )
-    decimal = _decimal(rows, [one.place for taken in columns.values() for one in taken])
+    decimal = _decimal(
+        rows, [one.place for taken in columns.values() for one in taken]
+    )
     return ColumnTable(columns, where, rows, (*notes, *more), decimal)
 
 
@@ -579,23 +600,33 @@ def _columns(
         if one is None:
             _check_unknown(text, place, where, example)
         elif question := QUESTIONS.get("log" if math.isnan(one.base) else one.role):
-            raise InputError(f"{where}: column {place + 1}, {shown(text)}, {question}")
+            raise InputError(
+                f"{where}: column {place + 1}, {shown(text)}, {question}"
+            )
         key = "" if one is None else _key(one)
         if key in names and one:
             there.setdefault(key, []).append(replace(one, place=place))
-    columns = {name: _taken(name, several, where) for name, several in there.items()}
+    columns = {
+        name: _taken(name, several, where) for name, several in there.items()
+    }
     useless: set[str] = set()
     if any(len(taken) > 1 for taken in columns.values()):
         useless |= {*ERRORS}  # they follow from the replicates
     if columns.keys() & VALUES[:3]:
         useless |= {*VALUES[3:], "offset"}
-    columns = {name: taken for name, taken in columns.items() if name not in useless}
+    columns = {
+        name: taken for name, taken in columns.items() if name not in useless
+    }
     used = [one.place for taken in columns.values() for one in taken]
     left = [text for place, text in enumerate(texts) if text and place not in used]
-    given = next((columns[name][0].unit for name in VALUES if name in columns), None)
+    given = next(
+        (columns[name][0].unit for name in VALUES if name in columns), None
+    )
     for name in columns.keys() & ERRORS[1:]:  # in the unit of the values
         (one,) = columns[name]
-        columns[name] = (replace(one, unit=given if one.unit is None else one.unit),)
+        columns[name] = (
+            replace(one, unit=given if one.unit is None else one.unit),
+        )
     read = [
         f"{one.text} as {name}"
         for name, (one, *_) in columns.items()
@@ -649,7 +680,9 @@ def _row(cells: list[Cell], columns: int, where: str) -> list[Cell]:
         more = ""
         if len(cells) > columns:
             more = "; separate columns by semicolons or tabs where decimals have a comma, and quote texts with blanks"
-        raise InputError(f"{where}: {len(cells)} values under {columns} columns{more}")
+        raise InputError(
+            f"{where}: {len(cells)} values under {columns} columns{more}"
+        )
     return cells
 
 
@@ -659,7 +692,9 @@ def _decimal(rows: Sequence[Cells], places: Sequence[int]) -> str:
     unsure: dict[str, tuple[str, str]] = {}
     for place in places:
         texts = [(at, cells[place]) for _, at, cells in rows]
-        matches = [(at, _matched(cell)) for at, cell in texts if isinstance(cell, str)]
+        matches = [
+            (at, _matched(cell)) for at, cell in texts if isinstance(cell, str)
+        ]
         column = [
             (at, text)
             for at, match in matches

@@ -144,7 +144,9 @@ class CurveError:
         part = (direction * scaled).sum(axis=-1) * error
         left = (scaled**2).sum(axis=-1) - part**2 / error
         weights = self.weights[likely] / self.weights[likely].sum()
-        above = stats.chi2.sf((part**2)[..., None] / (variances + error[..., None]), 1)
+        above = stats.chi2.sf(
+            (part**2)[..., None] / (variances + error[..., None]), 1
+        )
         first = weights @ above.mean(axis=(1, 2))
         second = weights @ stats.chi2.sf(left, residual.size - 1).mean(axis=1)
         return float(
@@ -188,9 +190,9 @@ def _sum(
     )
     parts = np.array(squares) / freedoms / [len(values) for values in samples]
     below = float((parts**2 / freedoms).sum())
-    return float(parts.sum()), float(parts.sum() ** 2 / below) if below > 0 else float(
-        freedoms.sum()
-    )
+    return float(parts.sum()), float(
+        parts.sum() ** 2 / below
+    ) if below > 0 else float(freedoms.sum())
 
 
 def _drawn(freedom: float, count: int) -> np.ndarray:

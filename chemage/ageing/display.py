@@ -21,7 +21,13 @@ from chemage.foundation.figures import (
     legend,
     plain,
 )
-from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, by_name, headed
+from chemage.foundation.quantities import (
+    HOLD_TIME,
+    Curve,
+    Quantity,
+    by_name,
+    headed,
+)
 from chemage.foundation.result import (
     FILE,
     Ageing,
@@ -54,7 +60,10 @@ class AgingDisplay(OfRecord[Aging]):
     errors = ON_ONE_SURFACE
 
     def __init__(
-        self, aging: Aging, window: tuple[float, float] = FIT_WINDOW, label: str = ""
+        self,
+        aging: Aging,
+        window: tuple[float, float] = FIT_WINDOW,
+        label: str = "",
     ) -> None:
         super().__init__(aging)
         self.window = window
@@ -98,12 +107,16 @@ class AgingDisplay(OfRecord[Aging]):
             ("rupture law", law),
             (
                 "random numbers",
-                aging.random_numbers or ("none" if aging.method else "not recorded"),
+                aging.random_numbers
+                or ("none" if aging.method else "not recorded"),
             ),
         ]
         if aging.errors:
             facts.append(
-                (f"errors of the mean at {aging.hold_times[-1]:g} s", aging.error_words)
+                (
+                    f"errors of the mean at {aging.hold_times[-1]:g} s",
+                    aging.error_words,
+                )
             )
         if (scatter := self.scatter) is not None and (text := scatter.text()):
             facts.append(("surfaces", text))
@@ -156,7 +169,9 @@ class AgingDisplay(OfRecord[Aging]):
     def _fit_like(self, model: Any, window: Any, quantity: Any) -> Fit | str:
         """A model fitted to this curve as it is to measurements, or why it cannot be."""
         try:
-            return fit_aging(self.record, model=model, window=window, quantity=quantity)
+            return fit_aging(
+                self.record, model=model, window=window, quantity=quantity
+            )
         except InputError as error:
             return str(error)
 
@@ -173,7 +188,9 @@ class AgingDisplay(OfRecord[Aging]):
     @property
     def quantity(self) -> Friction:
         """What is drawn: Δμ, or without load ΔF."""
-        return "friction_coefficient_drop" if self.record.load > 0 else "friction_drop"
+        return (
+            "friction_coefficient_drop" if self.record.load > 0 else "friction_drop"
+        )
 
     def pictures(self) -> dict[str, Picture]:
         """Friction against hold time, and beside it its slope from hold time to hold time, which β averages."""
@@ -186,7 +203,9 @@ class AgingDisplay(OfRecord[Aging]):
             *([Panel(self._draw_local_slope, name="slope")] if several else []),
         )
         return {
-            "friction": Picture(drawn, (10.5 if several else 5.6, 4.2), finish=_finish)
+            "friction": Picture(
+                drawn, (10.5 if several else 5.6, 4.2), finish=_finish
+            )
         }
 
     def draw(
@@ -201,10 +220,17 @@ class AgingDisplay(OfRecord[Aging]):
     ) -> None:
         """Draw friction against hold time with its 95 % intervals, the fitted line and published values."""
         chosen: Friction = quantity or self.quantity
-        named = plain(", ".join(filter(None, (label or self.label, self.record.over))))
-        drawn, curve = self.record.hold_times > 0, by_name(self.curves()).get(chosen)
+        named = plain(
+            ", ".join(filter(None, (label or self.label, self.record.over)))
+        )
+        drawn, curve = (
+            self.record.hold_times > 0,
+            by_name(self.curves()).get(chosen),
+        )
         if curve is None or not drawn.any():
-            reason = "undefined: no load" if curve is None else "no hold time above 0"
+            reason = (
+                "undefined: no load" if curve is None else "no hold time above 0"
+            )
             axes.text(
                 0.5, 0.5, reason, transform=axes.transAxes, ha="center", color=GREY
             )
@@ -229,9 +255,13 @@ class AgingDisplay(OfRecord[Aging]):
         and that of the fit."""
         aging = self.record
         drawn = aging.hold_times > 0
-        times, first = np.unique(np.log10(aging.hold_times[drawn]), return_index=True)
+        times, first = np.unique(
+            np.log10(aging.hold_times[drawn]), return_index=True
+        )
         values = (
-            aging.friction_coefficient_drop if aging.load > 0 else aging.friction_drop
+            aging.friction_coefficient_drop
+            if aging.load > 0
+            else aging.friction_drop
         )
         values = values[:, drawn][:, first]
         ends = [
@@ -265,9 +295,7 @@ class AgingDisplay(OfRecord[Aging]):
             scatter = self.scatter.relative if self.scatter is not None else None
             if scatter and fit.beta != 0 and not scatter <= fit.relative_stderr:
                 half = NORMAL_LIMIT * scatter * abs(fit.beta)
-                label = (
-                    f"β of other surfaces, 95 % (± {percent(NORMAL_LIMIT * scatter)})"
-                )
+                label = f"β of other surfaces, 95 % (± {percent(NORMAL_LIMIT * scatter)})"
                 axes.fill_between(
                     fit.span,
                     fit.beta - half,
@@ -280,7 +308,9 @@ class AgingDisplay(OfRecord[Aging]):
         legend(axes)
 
 
-def draw_fit(axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE) -> None:
+def draw_fit(
+    axes: Axes, fit: Fit | None, label: str = "", color: str = ORANGE
+) -> None:
     """Draw the fitted line over the hold times that it is fitted to, by default with β and what was fitted in the
     legend; nothing without a fit."""
     if fit is None or not fit.drawable:

@@ -251,19 +251,28 @@ class Fit:
 
     def quantities(self) -> list[Quantity]:
         """β, b and the cut-off time with their intervals; where there is none, why."""
-        over = (
-            f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
-        )
+        over = f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
         reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
         doubtful = "; ".join(filter(None, (reason, self.doubt)))
         slopes = [
-            one.but(unit=self.unit, value=value, reason=why, of=of).within(*ends, error)
+            one.but(unit=self.unit, value=value, reason=why, of=of).within(
+                *ends, error
+            )
             for one, value, error, ends, why, of in (
-                (BETA, self.beta, self.beta_stderr, self.beta_interval, doubtful, over),
+                (
+                    BETA,
+                    self.beta,
+                    self.beta_stderr,
+                    self.beta_interval,
+                    doubtful,
+                    over,
+                ),
                 (B, self.b, self.b_stderr, self.b_interval, reason, ""),
             )
         ]
-        why = f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
+        why = (
+            f"undetermined: {self.cutoff_reason}" if self.cutoff_reason else reason
+        )
         cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(
             *self.cutoff_interval, self.cutoff_time_stderr
         )
@@ -286,7 +295,9 @@ class Fit:
         if self.replicas == 1:
             return "one replica: no error"
         scattered = self.beta_stderr > ROUNDING * abs(self.beta)
-        return "no interval: too few points" if scattered else NO_SCATTER.strip("()")
+        return (
+            "no interval: too few points" if scattered else NO_SCATTER.strip("()")
+        )
 
     @property
     def doubt(self) -> str:
@@ -320,8 +331,9 @@ class Fit:
     def describe(self) -> str:
         """The model, in words."""
         symbol = DROPS[self.quantity].symbol
-        where = f"{self.span[0]:g} s to {self.span[1]:g} s" + f"; {self.doubt}" * bool(
-            self.doubt
+        where = (
+            f"{self.span[0]:g} s to {self.span[1]:g} s"
+            + f"; {self.doubt}" * bool(self.doubt)
         )
         shape = "log10(t/t_c)" if self.model == "line" else "log10(1 + t/t_c)"
         return f"{symbol} = β {shape}, {self.points} points, {where}"
@@ -404,7 +416,10 @@ def fit_aging(
         slopes, cutoffs = student(
             model, t, curves, weight, slope, slope_error, log_cutoff, confidence
         )
-    unit, reason = source.scale, _no_cutoff(slope, log_cutoff, slopes, data.hold_times)
+    unit, reason = (
+        source.scale,
+        _no_cutoff(slope, log_cutoff, slopes, data.hold_times),
+    )
     cutoff = math.nan if reason else time_of(log_cutoff)
     forces = (
         source.simulated or source.quantity == "friction_drop"
@@ -496,7 +511,9 @@ def _check_options(
     given: FitData,
 ) -> None:
     if model not in get_args(Model):
-        raise InputError.of("model", model, f"choose {' or '.join(get_args(Model))}")
+        raise InputError.of(
+            "model", model, f"choose {' or '.join(get_args(Model))}"
+        )
     if samples < 100:
         raise InputError.of(
             "samples", samples, "is too few for an interval", "give 100 or more"
@@ -531,7 +548,11 @@ SIMULATED = 2
 
 
 def _inside(
-    times: np.ndarray, limits: tuple[float, float] | None, model: Model, *, least: int
+    times: np.ndarray,
+    limits: tuple[float, float] | None,
+    model: Model,
+    *,
+    least: int,
 ) -> np.ndarray:
     """(m,) bool: the hold times that are fitted."""
     low, high = limits or (0.0, math.inf)
@@ -558,7 +579,9 @@ def why_not_fitted(times: np.ndarray, window: tuple[float, float]) -> str:
             count, f"{count} hold times lie"
         )
         span = (
-            f"{times[0]:g} to {times[-1]:g} s" if times.size > 1 else f"{times[0]:g} s"
+            f"{times[0]:g} to {times[-1]:g} s"
+            if times.size > 1
+            else f"{times[0]:g} s"
         )
         return (
             f"{lie} between {window[0]:g} and {window[1]:g} s, {SIMULATED} are needed (the hold times: {span}); change "
@@ -568,7 +591,11 @@ def why_not_fitted(times: np.ndarray, window: tuple[float, float]) -> str:
 
 
 def _estimate(
-    model: Model, t: np.ndarray, curves: np.ndarray, weight: np.ndarray, scatter: bool
+    model: Model,
+    t: np.ndarray,
+    curves: np.ndarray,
+    weight: np.ndarray,
+    scatter: bool,
 ) -> tuple[float, float, float, float, np.ndarray]:
     """Least squares on the mean over replicas: β and log10 t_c, each with its jackknife error over replicas, and the
     fit, (m,); ``scatter``: a single curve has errors from its scatter about the fit."""
@@ -611,8 +638,12 @@ def _scatter(
     if t.size < 3 or not math.isfinite(log_cutoff):
         return math.nan, math.nan
     # the derivatives of the fit by β and by log10 t_c, the second divided by β
-    parts = np.stack([basis(model, t, log_cutoff), basis_slope(model, t, log_cutoff)])
+    parts = np.stack(
+        [basis(model, t, log_cutoff), basis_slope(model, t, log_cutoff)]
+    )
     (a, b), (_, c) = np.einsum("im,jm->ij", parts, weight * parts)
     with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
+        spread = (
+            np.float64((weight * rest**2).sum()) / (t.size - 2) / (a * c - b * b)
+        )
         return float(np.sqrt(spread * c)), float(np.sqrt(spread * a)) / abs(slope)

@@ -97,9 +97,9 @@ class _Ageing(Stage):
             check_method(method, chemistry, parts["engine"], rupture, observe)
         except InputError as error:
             path = self.section if self.section in parts else "engine"
-            yield from [(f"{path}.{name}", text) for name, text in error.problems] or [
-                (path, str(error))
-            ]
+            yield from [
+                (f"{path}.{name}", text) for name, text in error.problems
+            ] or [(path, str(error))]
 
     def estimate(self, parts: Parts, stated: Stated) -> Mapping[str, float]:
         """``cpu_seconds`` of all replicas, with least and most where it is a range, and ``bytes`` of one of them."""
@@ -152,7 +152,8 @@ class _Ageing(Stage):
             )
             if method is not None:
                 for text in (
-                    method.check_sites(shape, stated["chemistry"].get("sites")) or ()
+                    method.check_sites(shape, stated["chemistry"].get("sites"))
+                    or ()
                 ):
                     yield Doubt("parts", text)
         yield from self._pressure(parts, stated)

@@ -26,7 +26,9 @@ from chemage.foundation.records import frozen
 from chemage.foundation.tables import Cell, Cells
 from chemage.foundation.units import QuantityLike, array_in, convert
 
-_EXAMPLE = "hold_time (s), friction_drop (nN), error (nN), load (nN), temperature (K)"
+_EXAMPLE = (
+    "hold_time (s), friction_drop (nN), error (nN), load (nN), temperature (K)"
+)
 _TEXTS = ("curve", "instrument")
 _UNITS = {"hold_time": "s", "load": "nN", "temperature": "K"}
 #: columns in which an empty cell means what stands above it, as in merged cells
@@ -68,7 +70,11 @@ class Measurements:
     def __post_init__(self) -> None:
         for name in ("hold_times", "values", "error"):
             if (array := getattr(self, name)) is not None:
-                unit = "s" if name == "hold_times" else UNIT.get(str(self.quantity), "")
+                unit = (
+                    "s"
+                    if name == "hold_times"
+                    else UNIT.get(str(self.quantity), "")
+                )
                 try:
                     object.__setattr__(
                         self, name, frozen(array_in(array, unit), np.float64)
@@ -232,7 +238,10 @@ class _Reading:
 
     @classmethod
     def of(
-        cls, table: ColumnTable, given: dict[str, float], offset: QuantityLike | None
+        cls,
+        table: ColumnTable,
+        given: dict[str, float],
+        offset: QuantityLike | None,
     ) -> _Reading:
         """Decide which columns are read, and refuse what may mean two things."""
         columns, where = table.columns, table.where
@@ -275,7 +284,9 @@ class _Reading:
         kinds = [kind for kind in _KINDS if all(name in columns for name in kind)]
         for kind, remedy in _KINDS.items():
             for name in () if kinds else columns.keys() - {"count"} & {*kind}:
-                raise InputError(f"{where}: {shown(columns[name][0].text)}: {remedy}")
+                raise InputError(
+                    f"{where}: {shown(columns[name][0].text)}: {remedy}"
+                )
         errors = kinds[0] if kinds else ()
         if "upper" in errors and not columns["upper"][0].sigmas:
             raise InputError(
@@ -350,7 +361,9 @@ class _Reading:
                 raise InputError(
                     f"{where}, column {name}: {row[name]:g} is not above zero"
                 )
-        offset = 0.0 if self.offset in (None, "first") else convert(self.offset, unit)
+        offset = (
+            0.0 if self.offset in (None, "first") else convert(self.offset, unit)
+        )
         if "offset" in columns:
             offset = table.number(cells, "offset", unit)
         row["value"] -= offset
@@ -364,7 +377,9 @@ class _Reading:
         of = table.columns[self.errors[0] if self.errors else self.value]
         sigmas = of[0].sigmas or 1.0
         several = len(table.columns[self.value]) > 1
-        if (several or self.errors) and any(error is not None for _, error in found):
+        if (several or self.errors) and any(
+            error is not None for _, error in found
+        ):
             raise InputError(
                 f"{where}: a value with its error, beside replicates or columns of errors; leave one out"
             )
@@ -404,7 +419,11 @@ class _Reading:
         return value, numbers[0] / sigmas
 
     def curve(
-        self, key: tuple[Any, ...], rows: list[dict[str, Any]], stem: str, count: int
+        self,
+        key: tuple[Any, ...],
+        rows: list[dict[str, Any]],
+        stem: str,
+        count: int,
     ) -> Measurements:
         """The rows that agree in ``key``, one of ``count`` curves."""
         label, instrument, load, temperature, quantity = key
@@ -420,7 +439,8 @@ class _Reading:
         )
         rows = sorted(rows, key=itemgetter("hold_time"))
         times, values = (
-            np.array([row[column] for row in rows]) for column in ("hold_time", "value")
+            np.array([row[column] for row in rows])
+            for column in ("hold_time", "value")
         )
         errors = [row["error"] for row in rows if row["error"] is not None]
         if errors and len(errors) < len(rows):

@@ -64,7 +64,11 @@ class Replica(NamedTuple):
         return Origin(
             self.history.engine,
             self.history.notes,
-            {name: source for part in parts for name, source in part.plugins.items()},
+            {
+                name: source
+                for part in parts
+                for name, source in part.plugins.items()
+            },
             [entry for part in parts for entry in part.approximate],
         )
 
@@ -109,7 +113,9 @@ class AgeingRequest:
 
     @cached_property
     def _identity(self) -> tuple[int, ...]:
-        return identity(self.solution, self.chemistry, self.engine, self.temperature)
+        return identity(
+            self.solution, self.chemistry, self.engine, self.temperature
+        )
 
     @cached_property
     def _key(self) -> str:
@@ -120,7 +126,9 @@ class AgeingRequest:
             origin(self.seed),
             self.common,
         ]
-        return content_hash([self.engine.digest(), self.chemistry.digest(), *common])
+        return content_hash(
+            [self.engine.digest(), self.chemistry.digest(), *common]
+        )
 
     def seeds(self, replica: int) -> ReplicaSeeds:
         """The seeds of the disorder and of the kinetic noise that ``replica`` has in the kinetics of every site."""
@@ -135,7 +143,9 @@ class AgeingRequest:
         every site at every hold time.
         """
         disorder, noise = self.seeds(replica)
-        lattice = build_lattice(self.chemistry, self.solution, disorder, sites=sites)
+        lattice = build_lattice(
+            self.chemistry, self.solution, disorder, sites=sites
+        )
         call: dict[str, Any] = {
             "temperature": self.temperature,
             "seed": noise,
@@ -161,7 +171,9 @@ class AgeingRequest:
     def each(self, task: Callable[[int], T]) -> list[T]:
         """``task`` of every replica, several at a time; reports the progress."""
         # threads inside a run take their processors away from the other replicas
-        at_once = max(1, min(self.replicas, self.threads // self.engine.concurrency()))
+        at_once = max(
+            1, min(self.replicas, self.threads // self.engine.concurrency())
+        )
         return in_order(task, self.replicas, at_once, self.progress)
 
 
@@ -199,7 +211,11 @@ class AgedBonds:
 
     @classmethod
     def of(
-        cls, replicas: Sequence[Origin], *, notes: tuple[str, ...] = (), **fields: Any
+        cls,
+        replicas: Sequence[Origin],
+        *,
+        notes: tuple[str, ...] = (),
+        **fields: Any,
     ) -> Self:
         """The bonds of ``replicas``, with where they come from; notes and engine are those of the first."""
         return cls(

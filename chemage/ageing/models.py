@@ -26,15 +26,17 @@ Model = Literal["line", "curve"]
 Bootstrap = Literal["residuals", "pairs", "replicas"]
 
 
-def basis(model: Model, t: np.ndarray, log_cutoff: np.ndarray | float) -> np.ndarray:
+def basis(
+    model: Model, t: np.ndarray, log_cutoff: np.ndarray | float
+) -> np.ndarray:
     """The model at β = 1; ``t`` and ``log_cutoff`` broadcast."""
     if model == "line":
         return np.log10(t) - log_cutoff
     # log10(1 + t/t_c) without overflow where t_c is far below t
     log_t = np.log(t, out=np.full(t.shape, -np.inf), where=t > 0)
-    return np.logaddexp(0.0, log_t - np.multiply(log_cutoff, math.log(10))) / math.log(
-        10
-    )
+    return np.logaddexp(
+        0.0, log_t - np.multiply(log_cutoff, math.log(10))
+    ) / math.log(10)
 
 
 def slopes_of(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -197,7 +199,9 @@ def student(
         shape = basis(model, t, log_times[:, None])
         tilt = basis_slope(model, t, log_times[:, None])
         # what is left of the derivative by t_c where β is fitted: 0 on average at the true t_c
-        along = (weight * shape * tilt).sum(axis=1) / (weight * shape**2).sum(axis=1)
+        along = (weight * shape * tilt).sum(axis=1) / (weight * shape**2).sum(
+            axis=1
+        )
         score = weight * (tilt - along[:, None] * shape)
         values = np.einsum("rm,km->rk", curves, score)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -206,7 +210,9 @@ def student(
             else:
                 rest = curves[0] - slope * basis(model, t, log_cutoff)
                 error = np.sqrt(
-                    (weight * rest**2).sum() / freedom * (score**2 / weight).sum(axis=1)
+                    (weight * rest**2).sum()
+                    / freedom
+                    * (score**2 / weight).sum(axis=1)
                 )
             return np.abs(values.mean(axis=0)) / error
 
@@ -287,7 +293,9 @@ def _resampled(
     if kind == "replicas":
         # deviations are stretched, since a draw from r replicas has (r − 1)/r of the variance
         drawn = (
-            generator.multinomial(replicas, np.full(replicas, 1 / replicas), samples)
+            generator.multinomial(
+                replicas, np.full(replicas, 1 / replicas), samples
+            )
             / replicas
         )
         stretched = (np.einsum("br,rm->bm", drawn, curves) - mean) * math.sqrt(
@@ -310,5 +318,7 @@ def _interval(values: np.ndarray, ends: tuple[float, float]) -> Interval:
     finite = np.sort(values[~np.isnan(values)])
     if not finite.size:
         return UNKNOWN
-    low, high = (float(np.percentile(finite, end, method="nearest")) for end in ends)
+    low, high = (
+        float(np.percentile(finite, end, method="nearest")) for end in ends
+    )
     return Interval(low, high) if high - low > ROUNDING * abs(high) else UNKNOWN

@@ -91,7 +91,10 @@ class Observable(Component, ABC):
 
     @abstractmethod
     def measure(
-        self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
+        self,
+        contact: ContactSolution,
+        lattice: ReactionLattice,
+        history: BondHistory,
     ) -> Mapping[str, float | np.ndarray]:
         """Named numbers or arrays, the same names and shapes for every replica: just those of :attr:`outputs`.
         Without declared outputs nothing is known of dimensions and units."""
@@ -194,7 +197,9 @@ def measure(
             if isinstance(value, RecordedValue)
         }
         if problems := declaration_problems(outputs):
-            raise PluginError(f"the hook chemage_observe of a plugin: {problems[0]}")
+            raise PluginError(
+                f"the hook chemage_observe of a plugin: {problems[0]}"
+            )
         plain = {
             name: value.values if isinstance(value, RecordedValue) else value
             for name, value in answer.items()

@@ -14,8 +14,18 @@ import numpy as np
 
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation import container
-from chemage.foundation.checks import Seed, check_times, checked_seed, temperature_value
-from chemage.foundation.errors import AbsentError, DamagedError, InputError, StoreError
+from chemage.foundation.checks import (
+    Seed,
+    check_times,
+    checked_seed,
+    temperature_value,
+)
+from chemage.foundation.errors import (
+    AbsentError,
+    DamagedError,
+    InputError,
+    StoreError,
+)
 from chemage.foundation.random import CommonSeed
 from chemage.foundation.records import Record, content_hash
 from chemage.foundation.units import QuantityLike
@@ -75,12 +85,16 @@ def replica_seeds(
             disorder, CommonSeed(entropy, spawn_key=(*path, replica, 1))
         )
     return ReplicaSeeds(
-        disorder, np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1))
+        disorder,
+        np.random.SeedSequence(entropy, spawn_key=(*path, *run, replica, 1)),
     )
 
 
 def identity(
-    contact: ContactSolution, chemistry: Chemistry, engine: Engine, temperature: float
+    contact: ContactSolution,
+    chemistry: Chemistry,
+    engine: Engine,
+    temperature: float,
 ) -> tuple[int, ...]:
     """Four 32-bit words that differ between runs that simulate different things.
 
@@ -102,7 +116,8 @@ def identity(
         *([sites] if sites != contact.shape else []),
     ]
     return tuple(
-        int(word) for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4")
+        int(word)
+        for word in np.frombuffer(bytes.fromhex(content_hash(content)), "<u4")
     )
 
 
@@ -129,7 +144,11 @@ def _distribution(pressure: np.ndarray) -> list[int]:
 def origin(seed: Seed) -> list[object]:
     """A seed as plain JSON values, equal for equal seeds only."""
     if isinstance(seed, np.random.SeedSequence):
-        return [isinstance(seed, CommonSeed), str(seed.entropy), list(seed.spawn_key)]
+        return [
+            isinstance(seed, CommonSeed),
+            str(seed.entropy),
+            list(seed.spawn_key),
+        ]
     return [int(seed)]
 
 
@@ -170,7 +189,9 @@ def resumed(
     except AbsentError:
         return None
     except DamagedError as error:
-        warnings.warn(f"{error}; it is computed again", CheckpointWarning, stacklevel=2)
+        warnings.warn(
+            f"{error}; it is computed again", CheckpointWarning, stacklevel=2
+        )
         return None
     record = records.get(name)
     earlier = json.loads(attributes.get("before", "{}"))
@@ -270,9 +291,7 @@ def run_with_checkpoints(
     key = content_hash(
         [engine.digest(), lattice.digest(), times.tolist(), kelvin, origin(seed)]
     )
-    other = (
-        f"{path} is the checkpoint of another run; remove it, or choose another folder"
-    )
+    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
     plugins = before or {}
     origins = {"contact": contact, "chemistry": chemistry}
     call = {

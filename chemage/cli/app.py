@@ -68,7 +68,9 @@ class _Commands(typer.core.TyperGroup):
                 sections.setdefault(
                     heading if isinstance(heading, str) else _OF_PLUGINS, []
                 ).append((name, command))
-        longest = max(len(name) for listed in sections.values() for name, _ in listed)
+        longest = max(
+            len(name) for listed in sections.values() for name, _ in listed
+        )
         for heading, listed in sections.items():
             if listed:
                 with formatter.section(heading):
@@ -142,7 +144,9 @@ def _choose_plugins(words: list[str]) -> None:
     for at, word in enumerate(words):
         name, _, value = word.partition("=")
         if name in chosen:
-            chosen[name].append(value or (words[at + 1] if at + 1 < len(words) else ""))
+            chosen[name].append(
+                value or (words[at + 1] if at + 1 < len(words) else "")
+            )
         elif not word.startswith("-") and (
             at == 0 or words[at - 1] not in (*chosen, "--log")
         ):
@@ -162,7 +166,9 @@ def _add_plugin_commands() -> None:
 
     registry.current().check_preference(preference(), PREFER)
     registered = [
-        command for command in app.registered_commands if command.callback is not None
+        command
+        for command in app.registered_commands
+        if command.callback is not None
     ]
     taken = {
         command.name or getattr(command.callback, "__name__", "")
@@ -232,7 +238,9 @@ def main() -> None:
                     errors="backslashreplace"
                 )  # for terminals that cannot show µ or Δ
         _plain_warnings()
-        _print_version(sys.argv[1:2] == ["--version"])  # before plugins are imported
+        _print_version(
+            sys.argv[1:2] == ["--version"]
+        )  # before plugins are imported
         _choose_plugins(sys.argv[1:])
         commands = _all_commands()
         if _COMPLETE in os.environ:
@@ -303,7 +311,9 @@ def _explain(error: Exception) -> int:
         # what stdout still holds goes nowhere: the interpreter would report a closed pipe or a full disk again
         with contextlib.suppress(OSError, ValueError, AttributeError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):  # the reader of the pipe has closed it
+        if isinstance(
+            error, BrokenPipeError
+        ):  # the reader of the pipe has closed it
             return 0
         _complain(f"chemage: {text}")
         return 2
@@ -312,7 +322,9 @@ def _explain(error: Exception) -> int:
             f"chemage: not enough memory: {text}; `chemage check` estimates what a scene needs"
         )
         return 2
-    where = "\n".join(filter(None, ["--log FILE writes where it arose to FILE", where]))
+    where = "\n".join(
+        filter(None, ["--log FILE writes where it arose to FILE", where])
+    )
     _complain(
         f"chemage: this is a fault of {owner or 'chemage'}, please report it: {type(error).__name__}: "
         f"{shortened(error, 200)}; {where}"

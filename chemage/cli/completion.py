@@ -48,7 +48,9 @@ def kinds(incomplete: str) -> list[str]:
 
     plugins = registry.current()
     named = [
-        record.name for record in plugins.records if record.options and not record.error
+        record.name
+        for record in plugins.records
+        if record.options and not record.error
     ]
     return _beginning(
         incomplete,
@@ -84,13 +86,19 @@ def _scene() -> Fields:
     try:
         # an option without its value ends the parsing, and arguments before it are lost
         words = shlex.split(
-            os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS") or ""
+            os.environ.get("_TYPER_COMPLETE_ARGS")
+            or os.environ.get("COMP_WORDS")
+            or ""
         )
         name = next(
-            word for word in words if word in plugins.scenes() or word.endswith(".toml")
+            word
+            for word in words
+            if word in plugins.scenes() or word.endswith(".toml")
         )
         if name in plugins.scenes():
-            return tomllib.loads(registry.scene_text(plugins.target("scenes", name)[1]))
+            return tomllib.loads(
+                registry.scene_text(plugins.target("scenes", name)[1])
+            )
         from chemage.foundation.files import described
 
         return tomllib.loads(described(Path(name)))
@@ -104,7 +112,8 @@ def _paths(data: Fields, prefix: str = "") -> list[str]:
         if isinstance(value, Mapping):
             paths += _paths(value, f"{prefix}{name}.")
         elif not (
-            isinstance(value, list) and any(isinstance(item, Mapping) for item in value)
+            isinstance(value, list)
+            and any(isinstance(item, Mapping) for item in value)
         ):
             paths.append(f"{prefix}{name}")
     return paths

@@ -171,7 +171,10 @@ def _run_one(
     result = _without_figures(one, path) if figures and not force else None
     if result is None:
         preflight_result(
-            path, force=force, figures=figures, size=plan(one).numbers.get("file", 0)
+            path,
+            force=force,
+            figures=figures,
+            size=plan(one).numbers.get("file", 0),
         )
     pictures: list[Path] = []
     units = {"contact": "iterations", "ageing": (one.ageing or EVERY_SITE).steps}
@@ -217,7 +220,9 @@ def sweep(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="folder of the sweep (default: NAME-sweep)"),
+        typer.Option(
+            "--out", "-o", help="folder of the sweep (default: NAME-sweep)"
+        ),
     ] = None,
     points: PointsOpt = None,
     collect: Annotated[
@@ -263,7 +268,9 @@ def sweep(
             )
         return studies.collect(collect, as_json=as_json)
     if scene is None:
-        raise user_error("name a scene with [sweep], or a folder with --collect FOLDER")
+        raise user_error(
+            "name a scene with [sweep], or a folder with --collect FOLDER"
+        )
     if not is_sweep(scene):
         raise user_error(f"{scene} has no [sweep]; `chemage run {scene}` runs it")
     values = changed_fields(changes, replicas, seed) | requested_fields(
@@ -333,7 +340,9 @@ def status(
     folder: Annotated[
         Path,
         typer.Argument(
-            metavar="FOLDER", autocompletion=completion.sweeps, help="folder of a sweep"
+            metavar="FOLDER",
+            autocompletion=completion.sweeps,
+            help="folder of a sweep",
         ),
     ],
     as_json: JsonOpt = False,
@@ -352,13 +361,17 @@ def status(
         return
     counts = ("points", "done", *NOT_DONE)
     groups = [
-        (listed(row["values"]), row) for axis in state["axes"] for row in axis["rows"]
+        (listed(row["values"]), row)
+        for axis in state["axes"]
+        for row in axis["rows"]
     ]
     rows = [
         (name, *(str(numbers[count]) for count in counts))
         for name, numbers in [*groups, ("all", state)]
     ]
-    contacts = [str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")]
+    contacts = [
+        str(state[f"contacts{which}"]) for which in ("", "_done", "_damaged")
+    ]
     rows.append(("contacts", *contacts[:2], "", "", contacts[2]))
     output.show_rows(f"{state['name']} in {folder}", ("", *counts), rows)
     print_failures(state)

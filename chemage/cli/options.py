@@ -13,7 +13,11 @@ from chemage.foundation.aliases import Data
 from chemage.foundation.errors import InputError
 
 #: endings of the files that chemage writes
-RESULTS, FIGURES, PAGES = (".h5", ".hdf5"), (".png", ".pdf", ".svg"), (".html", ".htm")
+RESULTS, FIGURES, PAGES = (
+    (".h5", ".hdf5"),
+    (".png", ".pdf", ".svg"),
+    (".html", ".htm"),
+)
 
 
 #: an error that is printed as one message and ends the program with status 2
@@ -37,7 +41,9 @@ def check_ending(path: Path, endings: tuple[str, ...], what: str) -> None:
         *others, last = endings
         names = f"{', '.join(others)} or {last}" if others else last
         ending = f"ends in {path.suffix}" if path.suffix else "has no ending"
-        raise user_error(f"--out {path}: the name {ending}; {what} must end in {names}")
+        raise user_error(
+            f"--out {path}: the name {ending}; {what} must end in {names}"
+        )
 
 
 SceneArg = Annotated[
@@ -67,7 +73,9 @@ ResultsArg = Annotated[
 CsvOpt = Annotated[bool, typer.Option("--csv", help="print CSV instead of tables")]
 FiguresOpt = Annotated[
     bool,
-    typer.Option(help="draw figures into the folder NAME-figures beside the result"),
+    typer.Option(
+        help="draw figures into the folder NAME-figures beside the result"
+    ),
 ]
 ReplicasOpt = Annotated[
     int | None,
@@ -286,7 +294,9 @@ def changed_fields(
         except (ValueError, RecursionError):
             changes[path] = value
     short = {"hold.replicas": replicas, "hold.seed": seed}
-    return changes | {path: value for path, value in short.items() if value is not None}
+    return changes | {
+        path: value for path, value in short.items() if value is not None
+    }
 
 
 def requested_fields(

@@ -355,7 +355,9 @@ def show_tables(tables: Iterable[Table], width: int = WIDTH) -> None:
     for part in tables:
         if part.in_detail:
             continue
-        show_rows(part.title, part.columns, part.rows[: part.most], width, part.dense)
+        show_rows(
+            part.title, part.columns, part.rows[: part.most], width, part.dense
+        )
         for text in part.remarks:
             remark(text)
 
@@ -424,7 +426,9 @@ def save_picture(result: Result, file: Path, *, force: bool) -> None:
     )
 
 
-def protect_inputs(path: Path, source: str, one: Scene, *further: Path | str) -> None:
+def protect_inputs(
+    path: Path, source: str, one: Scene, *further: Path | str
+) -> None:
     """Refuse to overwrite the scene file, a file that the scene reads, or ``further`` ones, even with ``--force``."""
     read = [
         part["path"]
@@ -432,7 +436,9 @@ def protect_inputs(path: Path, source: str, one: Scene, *further: Path | str) ->
         if isinstance(part, dict) and "path" in part
     ]
     for name in (source, *read, *further):
-        if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(path):
+        if "\0" not in str(name) and os.path.realpath(name) == os.path.realpath(
+            path
+        ):
             raise user_error(
                 f"{path} is an input of this command; choose another --out"
             )

@@ -66,13 +66,16 @@ def plugins_list(as_json: JsonOpt = False) -> None:
             "scenes": plugins.scenes(),
             "materials": plugins.materials(),
         }
-        output.say_json({**found, "hooks": hooks, "options": options, "broken": broken})
+        output.say_json(
+            {**found, "hooks": hooks, "options": options, "broken": broken}
+        )
         return
     lines = [(row["role"], row["kind"], row["plugin"], row["from"]) for row in rows]
     for record in plugins.records:
         for what, targets in record.offered.items():
             lines += [
-                (OFFERED[what], name, record.name, record.source) for name in targets
+                (OFFERED[what], name, record.name, record.source)
+                for name in targets
             ]
     for item in hooks:
         lines += [

@@ -25,7 +25,8 @@ MOST_POINTS = 1000
 
 def materials(
     name: Annotated[
-        str | None, typer.Argument(help="a material, such as silica; default: list all")
+        str | None,
+        typer.Argument(help="a material, such as silica; default: list all"),
     ] = None,
     as_toml: Annotated[
         bool,
@@ -46,7 +47,9 @@ def materials(
     if as_toml and (name is None or as_json):
         raise user_error("--toml: give the name of a material, and no --json")
     if name is None:
-        entries = [material(entry) for entry in sorted(registry.current().materials())]
+        entries = [
+            material(entry) for entry in sorted(registry.current().materials())
+        ]
         if as_json:
             output.say_json([entry.todict() for entry in entries])
             return
@@ -187,7 +190,8 @@ def selftest(as_json: JsonOpt = False) -> None:
         )
         if not as_json:
             count = (
-                outcome.untested or f"{outcome.passed} tests in {outcome.seconds:.1f} s"
+                outcome.untested
+                or f"{outcome.passed} tests in {outcome.seconds:.1f} s"
             )
             output.say(f"{state:10} {outcome.part}: {count}")
             for problem in outcome.problems:

@@ -99,7 +99,8 @@ _WhereOpt = Annotated[
 _HeatOpt = Annotated[
     bool,
     typer.Option(
-        "--heat", help="sweeps: a heat map; default: only in place of more than 8 lines"
+        "--heat",
+        help="sweeps: a heat map; default: only in place of more than 8 lines",
     ),
 ]
 _PanelOpt = Annotated[
@@ -209,7 +210,8 @@ def compare(
     figures: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="draw figures into this folder; default: no figures"
+            metavar="FOLDER",
+            help="draw figures into this folder; default: no figures",
         ),
     ] = None,
     fmt: FormatOpt = "png",
@@ -301,7 +303,9 @@ def _print_comparison(joined: Comparison) -> None:
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
         output.show_rows(
-            "", ("", *names[chosen]), ((label, *texts[chosen]) for label, texts in rows)
+            "",
+            ("", *names[chosen]),
+            ((label, *texts[chosen]) for label, texts in rows),
         )
     output.remark(joined.statement())
     for path, values in joined.chemistry_differences().items():
@@ -409,10 +413,13 @@ def _time(text: str) -> float | str:
 def cite(
     what: Annotated[
         str,
-        typer.Argument(help="a result file (.h5), the folder of a sweep, or a scene"),
+        typer.Argument(
+            help="a result file (.h5), the folder of a sweep, or a scene"
+        ),
     ],
     fmt: Annotated[
-        str, typer.Option("--format", help="bibtex, or text: one line per publication")
+        str,
+        typer.Option("--format", help="bibtex, or text: one line per publication"),
     ] = "bibtex",
 ) -> None:
     """Print what to cite, as BibTeX.
@@ -444,5 +451,7 @@ def cite(
             else parse_scene(data, source).components()
         )
     texts = texts or [entry for component in parts for entry in component.cite]
-    publications = references(texts, parts, **({"version": version} if version else {}))
+    publications = references(
+        texts, parts, **({"version": version} if version else {})
+    )
     print(bibtex(publications) if fmt == "bibtex" else text(publications), end="")

@@ -21,7 +21,12 @@ from chemage.foundation.progress import LOGGER, progress_bars, reported
 from chemage.foundation.result import result_of
 from chemage.studies.runner import PROGRAM
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.sweeps.grid import agreed_points, cpu_seconds, listed, shares_cost
+from chemage.studies.sweeps.grid import (
+    agreed_points,
+    cpu_seconds,
+    listed,
+    shares_cost,
+)
 from chemage.studies.sweeps.result import (
     SweepResult,
     collect_sweep,
@@ -96,7 +101,9 @@ def run_ensemble(
                 pictures = drawn(result_of(mean), path)
     kept = sampler.taken
     taken = (
-        [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"] if kept else []
+        [f"{kept} sample{'s' if kept > 1 else ''} taken from {folder}"]
+        if kept
+        else []
     )
     more = "a run with a smaller interval takes these samples up; the folder may be removed otherwise"
     written = {
@@ -143,7 +150,9 @@ def run_sweep(
 
     Exit status 1 if points failed, 130 or 143 if it was stopped.
     """
-    folder = out or Path(f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep")
+    folder = out or Path(
+        f"{read_grid(scene, changes).base.get('name', 'scene')}-sweep"
+    )
     chosen = None if points is None else Selection.read(points)
     try:
         with show_progress() as report:
@@ -166,12 +175,17 @@ def run_sweep(
         )  # without waiting for threads that may still be in a compiled kernel
     if chosen is not None:
         return _print_share(result, folder, chosen, as_json=as_json)
-    _print_whole(result, {**result.status(), "folder": str(folder)}, as_json=as_json)
+    _print_whole(
+        result, {**result.status(), "folder": str(folder)}, as_json=as_json
+    )
 
 
 def _print_whole(result: SweepResult, state: Data, *, as_json: bool) -> None:
     folder = Path(state["folder"])
-    tables = {"csv": str(folder / "results.csv"), "hdf5": str(folder / "results.h5")}
+    tables = {
+        "csv": str(folder / "results.csv"),
+        "hdf5": str(folder / "results.h5"),
+    }
     if as_json:
         output.say_json({**state, "results": tables})
     else:
@@ -210,7 +224,9 @@ def _print_share(
     states = [result.store.state(result.keys[point]) for point in points]
     counts = count(states)
     failures = result.failures(
-        point for point, state in zip(points, states, strict=True) if state == "failed"
+        point
+        for point, state in zip(points, states, strict=True)
+        if state == "failed"
     )
     if as_json:
         share = {
@@ -358,9 +374,14 @@ def check_sweep(
     )
     if each:
         points = [share.points for share in each]
-        costs = [share.cpu_seconds for share in each if share.cpu_seconds is not None]
+        costs = [
+            share.cpu_seconds for share in each if share.cpu_seconds is not None
+        ]
         rows.append(
-            (f"points in each of {len(each)} shares", f"{min(points)} to {max(points)}")
+            (
+                f"points in each of {len(each)} shares",
+                f"{min(points)} to {max(points)}",
+            )
         )
         if len(costs) == len(each):
             rows.append(
@@ -377,7 +398,9 @@ def check_sweep(
 def _duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.2g} s"
-    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
+    return (
+        f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
+    )
 
 
 def print_failures(state: Data) -> None:

@@ -20,7 +20,14 @@ from chemage.foundation.figures import (
     seen_blocks,
 )
 from chemage.foundation.quantities import Curve, Declared, Quantity
-from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
+from chemage.foundation.result import (
+    Medium,
+    OfRecord,
+    Panel,
+    Picture,
+    Rows,
+    displays,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +38,9 @@ _WINDOW = 64, 2.0
 _ONLY = 8, 1.3
 
 PRESSURE = Declared("pressure", "GPa", "contact pressure")
-PRESSURES = Curve("pressures", "1/GPa", "density over the contact", axis_of=PRESSURE)
+PRESSURES = Curve(
+    "pressures", "1/GPa", "density over the contact", axis_of=PRESSURE
+)
 C = TypeVar("C", ContactSolution, ContactStatistics)
 
 
@@ -81,9 +90,7 @@ class ContactDisplay(OfContact[ContactSolution]):
     def solved(self) -> str:
         contact = self.record
         state = "converged" if contact.converged else "NOT CONVERGED"
-        return (
-            f"{state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
-        )
+        return f"{state}, residual {contact.residual:.3g}, {contact.iterations} iterations"
 
     def maps(self) -> dict[str, Any]:
         return {"contact": self.record}
@@ -97,7 +104,9 @@ class ContactDisplay(OfContact[ContactSolution]):
         )
 
     def notes(self) -> list[str]:
-        fault = f"The contact did NOT converge: residual {self.record.residual:.3g}."
+        fault = (
+            f"The contact did NOT converge: residual {self.record.residual:.3g}."
+        )
         return [*([] if self.record.converged else [fault]), *super().notes()]
 
     def pictures(self) -> dict[str, Picture]:
@@ -148,7 +157,12 @@ class ContactDisplay(OfContact[ContactSolution]):
         )
         axes.add_patch(
             Rectangle(
-                (x0, y0), x1 - x0, y1 - y0, fill=False, edgecolor=BLUE, linewidth=1.2
+                (x0, y0),
+                x1 - x0,
+                y1 - y0,
+                fill=False,
+                edgecolor=BLUE,
+                linewidth=1.2,
             )
         )
 
@@ -165,9 +179,13 @@ class ContactDisplay(OfContact[ContactSolution]):
         width = min(0.8, 160 / max(part.shape))
         # the pixel edges between contact and gap
         i, j = np.nonzero(np.diff(part, axis=0))
-        upright = np.stack([np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1)
+        upright = np.stack(
+            [np.stack([i + 1, j], -1), np.stack([i + 1, j + 1], -1)], 1
+        )
         i, j = np.nonzero(np.diff(part, axis=1))
-        level = np.stack([np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1)
+        level = np.stack(
+            [np.stack([i, j + 1], -1), np.stack([i + 1, j + 1], -1)], 1
+        )
         edges = (np.concatenate([upright, level]) + np.array([x0, y0])) * a
         axes.add_collection(
             LineCollection(
@@ -210,8 +228,12 @@ class ContactDisplay(OfContact[ContactSolution]):
         from scipy import ndimage
 
         nx, ny = self.record.shape
-        labels, count = ndimage.label(self.record.contact, structure=np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
-        largest = int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
+        labels, count = ndimage.label(
+            self.record.contact, structure=np.ones((3, 3))
+        )  # pyright: ignore[reportGeneralTypeIssues]
+        largest = (
+            int(np.bincount(labels.ravel(), minlength=count + 1)[1:].argmax()) + 1
+        )
         box = ndimage.find_objects(labels, max_label=largest)[largest - 1]
         least, margin = _ONLY if self.record.patches == 1 else _WINDOW
         side = max(

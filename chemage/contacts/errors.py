@@ -120,7 +120,9 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
         "max_pressure": (highest, contact.missed_peak),
         "rms_pressure": (contact.rms_pressure, lost * contact.rms_pressure),
         "displacement": (
-            max(abs(contact.displacement or 0.0), patch * highest / contact.modulus),
+            max(
+                abs(contact.displacement or 0.0), patch * highest / contact.modulus
+            ),
             contact.convergence.get("summit", 0.0),
         ),
     }
@@ -154,7 +156,10 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
     if name not in found:
         low, high = max(area - below, contact.least_area), area + above
         if name == "mean_contact_pressure":
-            low, high = value * area / high, value * area / low if low > 0 else math.inf
+            low, high = (
+                value * area / high,
+                value * area / low if low > 0 else math.inf,
+            )
         elif name == "corrected_area":
             low, high = min(low, value), 2 * value - min(low, value)
         else:
@@ -171,7 +176,8 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
         stated="half_width",
         errors={
             part: ErrorPart(
-                (down + up) / 2 / NORMAL_LIMIT, how.get(part, "stated by the solver")
+                (down + up) / 2 / NORMAL_LIMIT,
+                how.get(part, "stated by the solver"),
             )
             for part, (down, up) in parts.items()
         },

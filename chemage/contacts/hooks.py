@@ -28,7 +28,10 @@ ROLES = {"contact": "chemage.contacts.role:ContactSolver"}
 
 @hookspec(firstresult=True)
 def chemage_solve_contact(
-    solver: ContactSolver, surface: Surface, load: float, start: ContactSolution | None
+    solver: ContactSolver,
+    surface: Surface,
+    load: float,
+    start: ContactSolution | None,
 ) -> ContactSolution | None:
     """Solve a contact at ``load`` nN. Return None to leave it to the next plugin; chemage itself answers last.
 
@@ -107,7 +110,9 @@ class _Contact(Stage):
             else solver.normal_force(value, maker.expected())
         )
 
-    def todict(self, parts: Parts, options_of: Callable[[Any], Any]) -> dict[str, Any]:
+    def todict(
+        self, parts: Parts, options_of: Callable[[Any], Any]
+    ) -> dict[str, Any]:
         load = parts.get("contact.load")
         written = {"contact.load": getattr(load, "written", load)}
         return super().todict({**parts, **written}, options_of)
@@ -154,7 +159,9 @@ class _Contact(Stage):
         surface, load = stated["surface"], parts["contact.load"]
         numbers = dict(parts[self.section].expected(surface, load))
         pixels = surface.get("nx", 0.0) * surface.get("ny", 0.0)
-        area = numbers["nominal_area"] = pixels * surface.get("pixel_size", 0.0) ** 2
+        area = numbers["nominal_area"] = (
+            pixels * surface.get("pixel_size", 0.0) ** 2
+        )
         touching = area * numbers.get("area_fraction", 0.0)
         if touching > 0:
             numbers["mean_pressure"] = max(load, 0.0) / touching

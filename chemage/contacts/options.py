@@ -13,7 +13,13 @@ from pydantic_core import core_schema
 from chemage.foundation.checks import force
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, UnitError, nearest, shown
-from chemage.foundation.units import QuantityLike, Unit, convert, in_range, is_in_table
+from chemage.foundation.units import (
+    QuantityLike,
+    Unit,
+    convert,
+    in_range,
+    is_in_table,
+)
 
 #: what a table of elastic constants holds: those of isotropic bodies, and of a transversely isotropic one
 CONSTANTS = ("young", "poisson")
@@ -114,7 +120,10 @@ def beyond_elasticity(
     if slope > LARGEST_SLOPE:
         what = f"the rms slope is {slope:.2g}, and the half-space needs slopes well below {LARGEST_SLOPE:g}"
         return f"{what}: give a surface without bad pixels, or one that is smoother"
-    for name, pressure, limit in (("mean", mean, LARGEST_MEAN), ("largest", most, 1.0)):
+    for name, pressure, limit in (
+        ("mean", mean, LARGEST_MEAN),
+        ("largest", most, 1.0),
+    ):
         if pressure > limit * modulus:
             what = f"the {name} contact pressure is {pressure:.3g} GPa, {pressure / modulus:.2g} of the contact modulus"
             return f"{what}, which no solid bears: use a contact with a hardness, or a smaller load or rms slope"
@@ -210,7 +219,9 @@ def indentation_modulus(
             f"must be smaller than √(c11 c33) = {mean:.6g}",
             "check the constants",
         )
-    squared = (mean - cross) * (mean + cross) / axial / (1 / shear + 2 / (mean + cross))
+    squared = (
+        (mean - cross) * (mean + cross) / axial / (1 / shear + 2 / (mean + cross))
+    )
     return in_range(2 * math.sqrt(squared), "GPa")
 
 
@@ -272,7 +283,9 @@ class _ModulusUnit(Unit):
             raise InputError(
                 f"{shown(unknown[0])}: no such elastic constant{nearest(str(unknown[0]), known)}; {form}"
             )
-        if missing := [name for name in (*crystal, *bodies) if name not in constants]:
+        if missing := [
+            name for name in (*crystal, *bodies) if name not in constants
+        ]:
             raise InputError(f"{missing[0]} is missing; {form}")
         if crystal:
             own = indentation_modulus(*(constants[name] for name in CRYSTAL))

@@ -53,7 +53,9 @@ class ContactSolver(Component, ABC):
         """Solve for ``load`` in nN (finite, ≥ 0 unless the class ``adheres``). ``start`` is a neighbouring
         solution to begin from, or None."""
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """Estimate what a solve will give and cost from :meth:`SurfaceMaker.expected`, as far as it is known:
         ``area_fraction``, ``cpu_seconds``, ``bytes`` (peak memory), ``gap_bytes`` (of the gap and the plastic
         displacement, where the solution has them), ``max_pressure`` (GPa, that the solver allows), ``tabor``
@@ -61,7 +63,9 @@ class ContactSolver(Component, ABC):
         check`` and to plan sweeps."""
         return {}
 
-    def check(self, surface: Mapping[str, float], load: float) -> Sequence[str] | None:
+    def check(
+        self, surface: Mapping[str, float], load: float
+    ) -> Sequence[str] | None:
         """Refuse, before anything is computed, what :meth:`solve` would refuse: a surface of which
         :meth:`SurfaceMaker.expected` gives ``surface``, under ``load`` nN. Used by ``chemage check``.
 
@@ -115,9 +119,14 @@ class ContactSolver(Component, ABC):
                 if on_grid
                 else None
             )
-            periodic = surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
+            periodic = (
+                surface.get("periodic", 0.0 if "radius" in surface else 1.0) != 0
+            )
         else:
-            area, periodic = surface.nominal_area, getattr(surface, "periodic", True)
+            area, periodic = (
+                surface.nominal_area,
+                getattr(surface, "periodic", True),
+            )
         return normal_force(
             load, area, flat=self.is_nominally_flat(periodic), signed=self.adheres
         )
@@ -160,7 +169,9 @@ class ContactSolver(Component, ABC):
 
     def with_gap(self) -> Self:
         """This solver, with the gap in its solutions if it has the option ``gap``, for sites smaller than pixels."""
-        return self.replace(gap=True) if getattr(self, "gap", None) is False else self
+        return (
+            self.replace(gap=True) if getattr(self, "gap", None) is False else self
+        )
 
     def reference(self) -> Self:
         """The solver with which ``chemage tradeoff`` measures the errors of this one: the same contact, as accurately
@@ -190,7 +201,9 @@ class ContactSolver(Component, ABC):
         ConvergenceError
             The tolerance was not reached.
         """
-        expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
+        expect(
+            "surface", surface, Surface, "make one with chemage.surface(...).make()"
+        )
         if start is not None:
             expect(
                 "start",
@@ -242,9 +255,7 @@ def sought_pressure(load: object) -> float | None:
     else:
         pressure = convert(load.removesuffix(OVER), "GPa", "load")
     if not 0 < pressure < math.inf:
-        problem = (
-            "must be a pressure that is finite and above zero, or a file with a contact"
-        )
+        problem = "must be a pressure that is finite and above zero, or a file with a contact"
         raise InputError.of("load", load, problem, f'give "3 GPa {OVER}"')
     return pressure
 
@@ -274,7 +285,10 @@ def elasticity_notes(contact: Contact) -> tuple[str, ...]:
 def expect_contact(value: Any, cls: type[Contact] = ContactSolution) -> None:
     """Raise an InputError if ``value`` is no contact, or none with a map where ``cls`` is as by default."""
     expect(
-        "contact", value, cls, "make one with chemage.contact(...).solve(surface, load)"
+        "contact",
+        value,
+        cls,
+        "make one with chemage.contact(...).solve(surface, load)",
     )
 
 
@@ -290,13 +304,17 @@ def solve_contact(
     The plugins that took part, here or at the surface, are noted in the solution's ``provenance``.
     """
     expect(
-        "solver", solver, ContactSolver, 'make one with chemage.contact("hertz", ...)'
+        "solver",
+        solver,
+        ContactSolver,
+        'make one with chemage.contact("hertz", ...)',
     )
     expect("surface", surface, Surface, "make one with chemage.surface(...).make()")
     force = solver.normal_force(load, surface)
     if isinstance(force, SoughtLoad):
         return force.found(
-            lambda each, near: solve_contact(solver, surface, each, start=near), start
+            lambda each, near: solve_contact(solver, surface, each, start=near),
+            start,
         )
     with logged(
         "contact",

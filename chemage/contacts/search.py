@@ -54,7 +54,11 @@ class SoughtLoad(float):
 
     @classmethod
     def of(
-        cls, pressure: float, area: Callable[[float], float], begin: float, least: float
+        cls,
+        pressure: float,
+        area: Callable[[float], float],
+        begin: float,
+        least: float,
     ) -> Self:
         """That at which ``area(load)`` (nm²), which is about ``begin`` and at ``least`` a pixel, bears ``pressure``."""
         found = crossing(
@@ -158,7 +162,11 @@ def _load_errors(
     power = min((CURVED + 2 * unsure / slope) / slope, 99.0)
     search, *ends = (
         contact.load * (ratio**power - 1)
-        for ratio in (math.exp(abs(off)), area.low / area.value, area.high / area.value)
+        for ratio in (
+            math.exp(abs(off)),
+            area.low / area.value,
+            area.high / area.value,
+        )
     )
     return {"search": search, "area": ends}
 

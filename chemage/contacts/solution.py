@@ -94,7 +94,12 @@ MEASURES: dict[str, Quantity] = by_name(
             "rms_slope", "1", "rms slope", "", "rms slope of the surface", Rank.REST
         ),
         Quantity(
-            "rms_height", "nm", "rms height", "", "rms height of the surface", Rank.REST
+            "rms_height",
+            "nm",
+            "rms height",
+            "",
+            "rms height of the surface",
+            Rank.REST,
         ),
     )
 )
@@ -102,10 +107,14 @@ MEASURES: dict[str, Quantity] = by_name(
 FLOW_MEASURES: dict[str, Quantity] = by_name(
     (
         Quantity(
-            "yielded_area", "1", "share of the contact area where the material flows"
+            "yielded_area",
+            "1",
+            "share of the contact area where the material flows",
         ),
         Quantity(
-            "yielded_load", "1", "share of the load carried where the material flows"
+            "yielded_load",
+            "1",
+            "share of the load carried where the material flows",
         ),
     )
 )
@@ -250,9 +259,13 @@ class Contact(Observing, Record):
     def quantities(self) -> list[Quantity]:
         """The measures, and the numbers that were recorded; without those that this contact does not have."""
         every = MEASURES | FLOW_MEASURES
-        found = [every[name].but(value=value) for name, value in self.summary().items()]
+        found = [
+            every[name].but(value=value) for name, value in self.summary().items()
+        ]
         found += [
-            output.quantity() for output in self.measured.values() if output.is_number
+            output.quantity()
+            for output in self.measured.values()
+            if output.is_number
         ]
         return [one for one in found if one.known]
 
@@ -279,11 +292,21 @@ class ContactSolution(PixelMap, Contact):
         "pressure": (("x", "y"), "GPa", "contact pressure"),
         "gap": (("x", "y"), "nm", "gap between the surfaces, 0 in contact"),
         "plastic_displacement": (("x", "y"), "nm", "height lost by plastic flow"),
-        "touching": (("x", "y"), "1", "whether the surfaces touch, where they adhere"),
+        "touching": (
+            ("x", "y"),
+            "1",
+            "whether the surfaces touch, where they adhere",
+        ),
     }
 
     has_map = True
-    added = ("carries", "touching", "observables", "outputs", "plastic_displacement")
+    added = (
+        "carries",
+        "touching",
+        "observables",
+        "outputs",
+        "plastic_displacement",
+    )
 
     pressure: Reals
     """(nx, ny) GPa, ≥ 0; contact is where it is positive. With ``touching`` it may be negative: tension, by which the
@@ -338,7 +361,9 @@ class ContactSolution(PixelMap, Contact):
             raise ValueError(
                 f"pressure: shape {self.pressure.shape}; give a two-dimensional, non-empty array (nx, ny)"
             )
-        require_finite("pressure", self.pressure, "the solver that made it is at fault")
+        require_finite(
+            "pressure", self.pressure, "the solver that made it is at fault"
+        )
         for name in ("gap", "plastic_displacement", "touching"):
             if (values := getattr(self, name)) is None:
                 continue
@@ -395,7 +420,9 @@ class ContactSolution(PixelMap, Contact):
         """The forces on all pixels without their signs, nN: that by which errors of the load are measured."""
         if self.touching is None:
             return self.load
-        return float(np.abs(self.pressure).sum(dtype=np.float64)) * self.pixel_size**2
+        return (
+            float(np.abs(self.pressure).sum(dtype=np.float64)) * self.pixel_size**2
+        )
 
     @property
     def mean_contact_pressure(self) -> float:
@@ -424,7 +451,9 @@ class ContactSolution(PixelMap, Contact):
         (see ``contact_pixels``). Not below :attr:`least_area`."""
         if self.contact_pixels == "centres":
             return self.area
-        corrected = patches.corrected_area(self.area, self.perimeter, self.pixel_size)
+        corrected = patches.corrected_area(
+            self.area, self.perimeter, self.pixel_size
+        )
         return max(corrected, self.least_area)
 
     @property
@@ -522,7 +551,9 @@ class ContactSolution(PixelMap, Contact):
         )
         least = float(values.min(initial=0.0))
         counts, edges = np.histogram(
-            values, bins=checked_count("bins", bins, most=MOST_BINS), range=(least, top)
+            values,
+            bins=checked_count("bins", bins, most=MOST_BINS),
+            range=(least, top),
         )
         return edges, counts / (max(values.size, 1) * np.diff(edges))
 
@@ -536,7 +567,8 @@ class ContactSolution(PixelMap, Contact):
             return Above(math.nan, math.nan)
         flows = self.plastic_displacement > 0
         force = (
-            float(self.pressure.sum(where=flows, dtype=np.float64)) * self.pixel_size**2
+            float(self.pressure.sum(where=flows, dtype=np.float64))
+            * self.pixel_size**2
         )
         return Above(
             float(np.count_nonzero(flows)) / self.sites.size, force / self.carried
@@ -714,7 +746,9 @@ class ContactStatistics(Contact):
     def to_pandas(self) -> pandas.DataFrame:
         """One row for each class of pressure: ``pressure`` (GPa) and ``area`` (nm²). Needs pandas."""
         return frame(
-            {"pressure": self.pressure, "area": self.area}, "pressure", self.summary()
+            {"pressure": self.pressure, "area": self.area},
+            "pressure",
+            self.summary(),
         )
 
     def __repr__(self) -> str:

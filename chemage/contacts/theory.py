@@ -81,10 +81,14 @@ class ContactTheory(ContactSolver, ABC):
             []
             if error is None
             else [
-                entry for entry in approximate if entry["kind"] == self.qualified_kind()
+                entry
+                for entry in approximate
+                if entry["kind"] == self.qualified_kind()
             ]
         )
-        own = [{**entry, "declared_error": error, "of": self.error_of} for entry in own]
+        own = [
+            {**entry, "declared_error": error, "of": self.error_of} for entry in own
+        ]
         others = [
             entry for entry in approximate if entry["kind"] != self.qualified_kind()
         ]

@@ -58,7 +58,12 @@ def cholesky(matrix):
             row[j] = matrix[i, j]
         whole = i - i % 4
         for k in range(0, whole, 4):
-            p, q, r, s = upper[k, i], upper[k + 1, i], upper[k + 2, i], upper[k + 3, i]
+            p, q, r, s = (
+                upper[k, i],
+                upper[k + 1, i],
+                upper[k + 2, i],
+                upper[k + 3, i],
+            )
             for j in range(i, n):
                 row[j] -= (p * upper[k, j] + q * upper[k + 1, j]) + (
                     r * upper[k + 2, j] + s * upper[k + 3, j]
@@ -143,7 +148,12 @@ def row_axes(matrix, least):
 def least_squares(columns, goal):
     """(n,) x of least |Σ x_i ``columns``[i] − ``goal``| for columns (n, m) and a goal (m,): modified Gram-Schmidt."""
     n = columns.shape[0]
-    axes, rest, upper, x = columns.copy(), goal.copy(), np.zeros((n, n)), np.zeros(n)
+    axes, rest, upper, x = (
+        columns.copy(),
+        goal.copy(),
+        np.zeros((n, n)),
+        np.zeros(n),
+    )
     for k in range(n):
         axis = axes[k]
         upper[k, k] = math.sqrt((axis * axis).sum())

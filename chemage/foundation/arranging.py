@@ -122,7 +122,10 @@ def _column(axes: Axes) -> tuple[float, float]:
     if place is None:
         return 0.0, width
     columns = place.get_gridspec().ncols
-    return width * place.colspan.start / columns, width * place.colspan.stop / columns
+    return (
+        width * place.colspan.start / columns,
+        width * place.colspan.stop / columns,
+    )
 
 
 def broken(text: Text, room: float) -> bool:
@@ -190,7 +193,9 @@ def _move_legend(axes: Axes, legend: Legend) -> bool:
         legend = axes.legend(handles, labels, **kept)
     _narrowed(legend, room)
     below = (
-        plot.y0 - min(under.y0 if under else plot.y0, plot.y0) + _GAP * figure.dpi / 72
+        plot.y0
+        - min(under.y0 if under else plot.y0, plot.y0)
+        + _GAP * figure.dpi / 72
     )
     shift = ScaledTranslation(0, -below / figure.dpi, figure.dpi_scale_trans)
     # as wide as the plot at most, or else under its label as well
@@ -263,7 +268,12 @@ def _touch(name: str, axis: Axis, apart: float) -> bool:
 
 def _thinned(axis: Axis) -> None:
     """Leave out every second label; ticks that matplotlib has chosen become fewer."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+    from matplotlib.ticker import (
+        FuncFormatter,
+        LogLocator,
+        MaxNLocator,
+        NullFormatter,
+    )
 
     if any(label.get_text() for label in axis.get_minorticklabels()):
         few = isinstance(axis.get_minor_formatter(), FuncFormatter)
@@ -275,7 +285,9 @@ def _thinned(axis: Axis) -> None:
     locator = axis.get_major_locator()
     if isinstance(locator, MaxNLocator):
         axis.set_major_locator(
-            MaxNLocator(max(2, len(axis.get_majorticklocs()) // 2), steps=[1, 2, 5, 10])
+            MaxNLocator(
+                max(2, len(axis.get_majorticklocs()) // 2), steps=[1, 2, 5, 10]
+            )
         )
         return
     places = axis.get_majorticklocs()
@@ -288,7 +300,13 @@ def _thinned(axis: Axis) -> None:
 
 # -- colours ----------------------------------------------------------------------------------------------------------
 
-_COLOURED = ("color", "facecolor", "edgecolor", "markerfacecolor", "markeredgecolor")
+_COLOURED = (
+    "color",
+    "facecolor",
+    "edgecolor",
+    "markerfacecolor",
+    "markeredgecolor",
+)
 
 
 def _recolour(figure: Figure) -> None:
@@ -309,7 +327,9 @@ def _recolour(figure: Figure) -> None:
                 _exchange(get(), put, changes)
 
 
-def _exchange(value: Any, put: Callable[[Any], Any], changes: dict[str, str]) -> None:
+def _exchange(
+    value: Any, put: Callable[[Any], Any], changes: dict[str, str]
+) -> None:
     from matplotlib.colors import is_color_like, to_hex, to_rgba
 
     if is_color_like(value):

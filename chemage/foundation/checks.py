@@ -11,7 +11,16 @@ import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    Self,
+    Union,
+    get_args,
+    get_origin,
+)
 
 import numpy as np
 from pydantic import (
@@ -56,7 +65,9 @@ MOST_TIMES = 10_000_000
 
 def is_table(value: Any) -> bool:
     """Whether ``value`` is a mapping of names."""
-    return isinstance(value, Mapping) and all(isinstance(name, str) for name in value)
+    return isinstance(value, Mapping) and all(
+        isinstance(name, str) for name in value
+    )
 
 
 def expect(name: str, value: object, kind: type, remedy: str) -> None:
@@ -74,7 +85,9 @@ def force(load: QuantityLike, *, signed: bool = False) -> float:
     deflection, times, spring = (
         load.partition(" * ") if isinstance(load, str) else ("", "", "")
     )
-    value = convert(deflection, "nm", "load") if times else convert(load, "nN", "load")
+    value = (
+        convert(deflection, "nm", "load") if times else convert(load, "nN", "load")
+    )
     if times:
         value *= convert(spring, "nN/nm", "load")
     remedy = "give a force such as 20 uN"
@@ -112,7 +125,9 @@ def checked_seed(seed: Any) -> int:
     if not _is_whole(seed) or seed < 0:
         raise InputError.of("seed", seed, "must be a whole number, 0 or larger")
     if int(seed) > LARGEST_SEED:
-        raise InputError("seed: has more than 256 bits; give a smaller whole number")
+        raise InputError(
+            "seed: has more than 256 bits; give a smaller whole number"
+        )
     return int(seed)
 
 
@@ -121,7 +136,9 @@ def checked_count(
 ) -> int:
     """``value`` as an int of at least ``least`` and, if given, at most ``most``."""
     if not _is_whole(value) or value < least:
-        raise InputError.of(name, value, f"must be a whole number of at least {least}")
+        raise InputError.of(
+            name, value, f"must be a whole number of at least {least}"
+        )
     if most is not None and value > most:
         raise InputError.of(name, value, f"must be at most {most}")
     return int(value)
@@ -136,7 +153,9 @@ def checked_states(name: str, state: Any, sites: int) -> np.ndarray:
         raise InputError.of(name, state, "is no array of bool", remedy) from None
     if array.shape != (sites,) or array.dtype != np.bool_:
         shape = f"{array.dtype} array of shape {array.shape}"
-        raise InputError.of(name, shape, f"expected bool of shape ({sites},)", remedy)
+        raise InputError.of(
+            name, shape, f"expected bool of shape ({sites},)", remedy
+        )
     if not is_boolean(array):
         raise InputError(
             f"{name}: bytes other than 0 and 1 in an array of bool; make it with values != 0"
@@ -175,7 +194,10 @@ def check_times(hold_times: Sequence[float] | np.ndarray) -> np.ndarray:
     unreal = ~np.isfinite(times) | (times < 0)
     too_far = (times > LARGEST) | ((times > 0) & (times < SMALLEST))
     earlier = np.append(False, times[1:] < times[:-1])
-    since, span = "seconds since the contact was made", f"{SMALLEST:g} to {LARGEST:g}"
+    since, span = (
+        "seconds since the contact was made",
+        f"{SMALLEST:g} to {LARGEST:g}",
+    )
     for bad, problem, remedy in (
         (unreal, "must be finite and not negative", f"give {since}"),
         (too_far, "is out of range", f"give 0, or seconds from {span}"),
@@ -205,7 +227,9 @@ def check_arguments(
         hint = function.__annotations__.get(name, Any)
         kind = bound.signature.parameters[name].kind
         try:
-            hint = eval(hint, function.__globals__) if isinstance(hint, str) else hint
+            hint = (
+                eval(hint, function.__globals__) if isinstance(hint, str) else hint
+            )
         except NameError:  # imported for type checkers alone
             continue
         values = value if kind is inspect.Parameter.VAR_POSITIONAL else (value,)
@@ -271,7 +295,9 @@ _WORDS |= {
 
 
 def _in_words(hint: Any) -> str:
-    parts = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else [hint]
+    parts = (
+        get_args(hint) if get_origin(hint) in (Union, types.UnionType) else [hint]
+    )
     if get_origin(hint) is Literal:
         return " or ".join(map(repr, get_args(hint)))
     kinds = [get_origin(part) or part for part in parts]
@@ -345,7 +371,9 @@ class Frozen(BaseModel):
             if (data := carried(item)) is None and hasattr(item, "__array__"):
                 plain_array(item)  # nothing in it is masked
             elif (
-                data is not None and not numeric[name] and data.unit != "dimensionless"
+                data is not None
+                and not numeric[name]
+                and data.unit != "dimensionless"
             ):
                 raise ValueError(
                     f"{shown(item)} carries the unit {data.unit}; give plain numbers here"
@@ -397,7 +425,9 @@ def _texts_below(cls: type) -> dict[str, str]:
         return {}
     indented = source[:1].isspace()
     definition = ast.parse(f"if True:\n{source}" if indented else source).body[0]
-    body = (definition.body[0] if isinstance(definition, ast.If) else definition).body  # pyright: ignore[reportAttributeAccessIssue]
+    body = (
+        definition.body[0] if isinstance(definition, ast.If) else definition
+    ).body  # pyright: ignore[reportAttributeAccessIssue]
     texts = {}
     for field, after in itertools.pairwise(body):
         match field, after:
@@ -416,7 +446,9 @@ def _numeric_fields(cls: type[BaseModel]) -> dict[str, bool]:
         for name, info in cls.model_fields.items()
     }
     return {
-        name: any(issubclass(kind, Unit) for kind in of_field if isinstance(kind, type))
+        name: any(
+            issubclass(kind, Unit) for kind in of_field if isinstance(kind, type)
+        )
         for name, of_field in kinds.items()
         if of_field & {int, float} and bool not in of_field
     }

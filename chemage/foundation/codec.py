@@ -80,7 +80,9 @@ def decode(cls: type[R], values: Fields, arrays: Mapping[str, np.ndarray]) -> R:
 
 def plain(value: Any) -> Any:
     """A value that a plugin put among plain ones: a number or list where numpy's, else its text."""
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+    return (
+        value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+    )
 
 
 def exact(value: Any) -> Any:
@@ -122,7 +124,9 @@ def to_json(record: Record) -> Data:
         content.setdefault(field, {})[key] = {
             "dtype": array.dtype.str,
             "shape": list(array.shape),
-            "base64": base64.b64encode(np.ascontiguousarray(array).tobytes()).decode(),
+            "base64": base64.b64encode(
+                np.ascontiguousarray(array).tobytes()
+            ).decode(),
         }
     return content
 
@@ -149,7 +153,9 @@ def write_group(group: Any, hdf5: Any, record: Record) -> None:
     """Write a record into a group of the netCDF file, which is also given as that of the HDF5 file below it."""
     values, arrays = encode(record)
     stored = {*values, *(name.partition("/")[0] for name in arrays)}
-    fields = json.dumps({name: name in stored for name in type(record).model_fields})
+    fields = json.dumps(
+        {name: name in stored for name in type(record).model_fields}
+    )
     named: Data = {
         "chemage_object": type(record).__name__,
         "digest": record.digest(),
@@ -229,7 +235,9 @@ def _write_array(
         options["chunks"] = tuple(min(_CHUNK, length) for length in values.shape)
     if compresses(values):
         options |= {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-    variable = group.create_variable(name, dims, values.dtype, data=values, **options)
+    variable = group.create_variable(
+        name, dims, values.dtype, data=values, **options
+    )
     for key, value in attributes.items():
         variable.attrs[key] = value
 
@@ -256,7 +264,9 @@ def _set_attributes(hdf5: Any, values: Fields) -> None:
 def compresses(values: np.ndarray) -> bool:
     """Whether an array is stored with gzip."""
     # noise does not compress and costs seconds; a pressure map is mostly zeros and shrinks a hundredfold
-    return bool(values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2)
+    return bool(
+        values.nbytes > 1 << 20 and np.count_nonzero(values) < values.size // 2
+    )
 
 
 def read_group(group: Any, cls: type[R]) -> R:

@@ -28,7 +28,10 @@ Process = subprocess.Popen[bytes]
 #: the processes that compile the kernels of each stage
 Helpers = dict[str, Process]
 #: the stage of a run in which kernels are compiled, and what is said of it
-STAGE, NOTE = "compiling", "kernels, once per installation; all of them take about 20 s"
+STAGE, NOTE = (
+    "compiling",
+    "kernels, once per installation; all of them take about 20 s",
+)
 #: the stages whose kernels a process of its own compiles. Two also on two processors: the first has to be done when the
 #: contact is solved, and the second one works towards this process from the last kernel of the contact, so that all end
 #: at about the same time
@@ -48,11 +51,15 @@ def begin(
         return {}
     call = "chemage.scene.warm_up:compile_stage"
     started = {stage: start(call, stage, scene, changes) for stage in STAGES}
-    return {stage: process for stage, process in started.items() if process is not None}
+    return {
+        stage: process for stage, process in started.items() if process is not None
+    }
 
 
 @contextmanager
-def begun_early(scene: str, changes: Fields, threads: int | None) -> Iterator[Helpers]:
+def begun_early(
+    scene: str, changes: Fields, threads: int | None
+) -> Iterator[Helpers]:
     """Begin to compile what a scene needs while this process still imports what it needs, where nothing is compiled
     yet; yields the processes, which end with the block."""
     helpers = begin(scene, changes, threads) if machine.is_cold() else {}
@@ -78,7 +85,9 @@ def watched(
     compiled: list[str] = []
 
     class Listener(event.Listener):
-        depth = 0  # numba compiles one kernel at a time, whatever thread asks for it
+        depth = (
+            0  # numba compiles one kernel at a time, whatever thread asks for it
+        )
 
         def on_start(self, event: Any) -> None:
             self.depth += 1
@@ -103,7 +112,9 @@ def watched(
 def _is_kept(event: Any) -> bool:
     """Whether the kernel is kept; else it is compiled again in every process, as its author chose."""
     return bool(
-        getattr(getattr(event.data["dispatcher"], "_cache", None), "cache_path", None)
+        getattr(
+            getattr(event.data["dispatcher"], "_cache", None), "cache_path", None
+        )
     )
 
 

@@ -12,7 +12,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
-from pydantic import SerializationInfo, SerializerFunctionWrapHandler, model_serializer
+from pydantic import (
+    SerializationInfo,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 from chemage.foundation import names, ownership
 from chemage.foundation.aliases import Data, Fields
@@ -82,7 +86,9 @@ class Component(Owned, Frozen):
         """:attr:`kind`, after the name of its plugin where it is not built in: ``"grit:winkler"``."""
         return names.spelling(cls, everywhere=True)
 
-    def model_copy(self, *, update: Fields | None = None, deep: bool = False) -> Self:
+    def model_copy(
+        self, *, update: Fields | None = None, deep: bool = False
+    ) -> Self:
         """As :meth:`replace`: options are always validated."""
         return self.replace(**(update or {}))
 
@@ -100,7 +106,10 @@ class Component(Owned, Frozen):
         # a component inside a component keeps its kind too: without it two chemistries would have one digest
         if not self.kind:
             return fields
-        return {"kind": names.spelling(type(self), everywhere=is_identity), **fields}
+        return {
+            "kind": names.spelling(type(self), everywhere=is_identity),
+            **fields,
+        }
 
     def __eq__(self, other: object) -> bool:
         # by options alone: pydantic would compare what a class keeps in private attributes as well
@@ -134,7 +143,9 @@ class Component(Owned, Frozen):
     def fromdict(cls, fields: Fields) -> Self:
         """The inverse of :meth:`todict`; :func:`chemage.plugin.fromdict` finds the class by its kind as well."""
         if not is_table(fields):
-            raise InputError.of("fields", fields, "is not a table of options by name")
+            raise InputError.of(
+                "fields", fields, "is not a table of options by name"
+            )
         options = dict(fields)
         kind = options.pop("kind", cls.kind)
         if str(kind).rpartition(":")[2] != cls.kind:

@@ -96,7 +96,9 @@ def write(
     """
     preflight(path, force=force)
     # made in memory and written at once: HDF5 crashes the process when the disk fills up under it
-    content = archive(parts, about) if compact else _hdf5(parts, about, derived or {})
+    content = (
+        archive(parts, about) if compact else _hdf5(parts, about, derived or {})
+    )
     write_file(path, content, force=force)
 
 
@@ -550,7 +552,9 @@ def _is_checked(stream: IO[bytes], path: Path) -> bool:
     stream.seek(0)
     table = json.loads(text)
     damaged = [
-        name for name, length, stored in table if _sha256_of(stream, length) != stored
+        name
+        for name, length, stored in table
+        if _sha256_of(stream, length) != stored
     ]
     if not damaged and sum(length for _, length, _ in table) != begin:
         damaged = ["its end"]
@@ -579,7 +583,9 @@ def _sha256(text: bytes) -> bytes:
 
 def sealed_json(content: Fields, **layout: Any) -> bytes:
     """A mapping as JSON with its checksum as the last field; ``layout`` are options of :func:`json.dumps`."""
-    body = json.dumps(content, **layout).rstrip().removesuffix("}").rstrip().encode()
+    body = (
+        json.dumps(content, **layout).rstrip().removesuffix("}").rstrip().encode()
+    )
     return body + b', "sha256": "' + _sha256(body) + b'"}\n'
 
 

@@ -36,13 +36,18 @@ def drawn_data(figure: Figure) -> str:
     plots = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
     for number, axes in enumerate(plots, 1):
         for label, parts in _drawn(axes):
-            name = "" if label.startswith("_") else label.strip().replace(r"\$", "$")
+            name = (
+                "" if label.startswith("_") else label.strip().replace(r"\$", "$")
+            )
             labels = (
-                " ".join(text().split()) for text in (axes.get_xlabel, axes.get_ylabel)
+                " ".join(text().split())
+                for text in (axes.get_xlabel, axes.get_ylabel)
             )
             head = (number, *labels, name)
             cells = [
-                map(repr, map(float, parts[column])) if column in parts else repeat("")
+                map(repr, map(float, parts[column]))
+                if column in parts
+                else repeat("")
                 for column in COLUMNS[len(head) :]
             ]
             rows += [(*head, *row) for row in zip(*cells, strict=False)]

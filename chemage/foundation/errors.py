@@ -77,7 +77,9 @@ class ChemageError(Exception):
 class InputError(ChemageError, ValueError):
     """A value the user gave is wrong. ``problems`` lists ``(field, message)`` where several fields were checked."""
 
-    def __init__(self, message: str, problems: Sequence[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self, message: str, problems: Sequence[tuple[str, str]] = ()
+    ) -> None:
         super().__init__(message)
         self.problems = list(problems)
 
@@ -87,7 +89,8 @@ class InputError(ChemageError, ValueError):
     ) -> InputError:
         """The standard wording: ``field = value: problem; remedy``."""
         return cls(
-            f"{field} = {shown(value)}: {problem}" + (f"; {remedy}" if remedy else "")
+            f"{field} = {shown(value)}: {problem}"
+            + (f"; {remedy}" if remedy else "")
         )
 
 
@@ -116,7 +119,9 @@ class SceneError(InputError):
             f"{source} is not a valid scene:\n" + "\n".join(lines), problems
         )
 
-    def __reduce__(self) -> tuple[type[SceneError], tuple[str, list[tuple[str, str]]]]:
+    def __reduce__(
+        self,
+    ) -> tuple[type[SceneError], tuple[str, list[tuple[str, str]]]]:
         return type(self), (self.source, self.problems)
 
 
@@ -232,7 +237,9 @@ def nearest(word: str, known: Sequence[str]) -> str:
     import difflib
 
     match = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    likely = match and difflib.SequenceMatcher(None, word, match[0]).ratio() > _TYPING
+    likely = (
+        match and difflib.SequenceMatcher(None, word, match[0]).ratio() > _TYPING
+    )
     if not likely and (answer := not_modelled(word)):
         return f" ({answer})"
     return f" (did you mean {match[0]!r}?)" if match else ""

@@ -58,7 +58,12 @@ CORE: tuple[str, ...] = (
 
 
 def panels(
-    width: float, height: float, columns: int = 1, rows: int = 1, *, dpi: float = 150
+    width: float,
+    height: float,
+    columns: int = 1,
+    rows: int = 1,
+    *,
+    dpi: float = 150,
 ) -> tuple[Figure, list[Axes]]:
     """Make an empty figure of ``width`` by ``height`` inches; the figure, and its plots row by row."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -108,7 +113,9 @@ def pooled(
     nx, ny = (-(-n // step) * step for n in values.shape)
     if (nx, ny) != values.shape:
         values = np.pad(
-            values, ((0, nx - values.shape[0]), (0, ny - values.shape[1])), mode="edge"
+            values,
+            ((0, nx - values.shape[0]), (0, ny - values.shape[1])),
+            mode="edge",
         )
     # rows first: they are contiguous
     rows = pool(values.reshape(nx // step, step, ny), axis=1)
@@ -228,7 +235,9 @@ def shared_legend(
     """Make a legend for all plots of a figure below them, in as many columns as have room; ``beside`` them where the
     figure is not for print."""
     if beside and current().width is None:
-        figure.legend(handles=handles, loc="outside right center", title=title or None)
+        figure.legend(
+            handles=handles, loc="outside right center", title=title or None
+        )
         return
     style: dict[str, Any] = {
         "handles": handles,
@@ -263,7 +272,9 @@ def png(figure: Figure, alt: str) -> str:
     data = io.BytesIO()
     # the same bytes as savefig, which draws everything twice
     canvas_of(figure).print_png(data, metadata={"Software": None})
-    width, height = (round(figure.dpi * inches) for inches in figure.get_size_inches())
+    width, height = (
+        round(figure.dpi * inches) for inches in figure.get_size_inches()
+    )
     source = base64.b64encode(data.getvalue()).decode()
     return f'<img alt="{escape(alt, quote=True)}" width="{width}" height="{height}" src="data:image/png;base64,{source}">'
 

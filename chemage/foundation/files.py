@@ -206,7 +206,9 @@ def make_folder(path: Path, *, links: bool = False) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StoreError(f"cannot make the folder {path}: {error.strerror}") from error
+        raise StoreError(
+            f"cannot make the folder {path}: {error.strerror}"
+        ) from error
 
 
 def on_disk(path: Path) -> None:
@@ -292,7 +294,9 @@ def open_file(
     except StoreError:
         stream.close()
         raise
-    if size == 0:  # a file of the kernel, such as /proc/kmsg, may say so and never end
+    if (
+        size == 0
+    ):  # a file of the kernel, such as /proc/kmsg, may say so and never end
         stream.close()
         return io.BufferedReader(io.BytesIO())  # pyright: ignore[reportArgumentType]
     return stream
@@ -321,12 +325,16 @@ def _named(shown: str) -> Iterator[None]:
     except FileNotFoundError:
         raise AbsentError(f"{shown} does not exist") from None
     except OSError as error:
-        raise StoreError(f"{shown} cannot be read: {error.strerror or error}") from None
+        raise StoreError(
+            f"{shown} cannot be read: {error.strerror or error}"
+        ) from None
     except (ValueError, TypeError):  # a null byte in the name
         raise StoreError(f"{shown!r} is no name of a file") from None
 
 
-def _checked(status: os.stat_result, shown: str, most: float | None) -> os.stat_result:
+def _checked(
+    status: os.stat_result, shown: str, most: float | None
+) -> os.stat_result:
     if stat.S_ISDIR(status.st_mode):
         raise StoreError(f"{shown}: Is a directory; name a file")
     if stat.S_ISLNK(status.st_mode):

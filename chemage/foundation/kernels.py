@@ -109,7 +109,9 @@ class Sources:
         for folder in self.folder.parent.glob(f"{self.package}-{'[0-9a-f]' * 32}"):
             with suppress(OSError):  # another process has removed it
                 last_use[folder] = folder.stat().st_mtime
-        for folder in sorted(last_use, key=last_use.__getitem__, reverse=True)[KEPT:]:
+        for folder in sorted(last_use, key=last_use.__getitem__, reverse=True)[
+            KEPT:
+        ]:
             if last_use[folder] < time.time() - RECENT:
                 shutil.rmtree(folder, ignore_errors=True)
 
@@ -176,7 +178,9 @@ class _Content(caching.CompileResultCacheImpl):
         self._lineno = function.__code__.co_firstlineno
         self._locator = _Locator(function, sources)
         name = f"{function.__module__}.{function.__qualname__}"
-        self._filename_base = self.get_filename_base(name, getattr(sys, "abiflags", ""))
+        self._filename_base = self.get_filename_base(
+            name, getattr(sys, "abiflags", "")
+        )
 
 
 class _Cache(caching.FunctionCache):

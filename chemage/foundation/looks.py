@@ -77,7 +77,10 @@ class Look:
         """
         family, size = _font(font) if font else ("", None)
         look = cls(
-            _width(width) if width else None, family, size, str(style) if style else ""
+            _width(width) if width else None,
+            family,
+            size,
+            str(style) if style else "",
         )
         look.settings()
         return look
@@ -127,7 +130,9 @@ def colours() -> list[str]:
     import matplotlib as mpl
     from matplotlib.colors import to_hex
 
-    cycle = current().settings().get("axes.prop_cycle", mpl.rcParams["axes.prop_cycle"])
+    cycle = (
+        current().settings().get("axes.prop_cycle", mpl.rcParams["axes.prop_cycle"])
+    )
     return [to_hex(colour).upper() for colour in cycle.by_key().get("color", [])]
 
 

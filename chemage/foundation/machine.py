@@ -128,7 +128,9 @@ def _instructions() -> str:
         return f"{named} (NUMBA_CPU_NAME{', numpy with AVX-512' * in_numpy})"
     features = [feature for feature in _FEATURES if there.get(feature)]
     less = ", numpy without AVX-512" * (wide and not in_numpy)
-    return f"{host} ({', '.join(features) or 'none of ' + ', '.join(_FEATURES)}{less})"
+    return (
+        f"{host} ({', '.join(features) or 'none of ' + ', '.join(_FEATURES)}{less})"
+    )
 
 
 @lru_cache(maxsize=1)
@@ -142,7 +144,11 @@ def slowness() -> float:
     from chemage.foundation.files import write_file
 
     file = cache_folder() / "speed.json"
-    identity = {"version": _VERSION, "processor": processor(), "node": platform.node()}
+    identity = {
+        "version": _VERSION,
+        "processor": processor(),
+        "node": platform.node(),
+    }
     with suppress(OSError, ValueError, TypeError, KeyError):
         kept = read_json(file)
         if {name: kept[name] for name in identity} == identity and 0 < (
@@ -150,7 +156,9 @@ def slowness() -> float:
         ) < 1:
             return seconds / REFERENCE_SECONDS
     seconds = _seconds_of_load()
-    with suppress(Exception):  # a folder that cannot be written is no reason to fail
+    with suppress(
+        Exception
+    ):  # a folder that cannot be written is no reason to fail
         file.parent.mkdir(parents=True, exist_ok=True)
         write_file(file, sealed_json({**identity, "seconds": seconds}), force=True)
     return seconds / REFERENCE_SECONDS

@@ -27,7 +27,9 @@ def capacity() -> float:
         The environment variable ``CHEMAGE_MEMORY`` is set, but is no amount of memory.
     """
     if text := os.environ.get(VARIABLE, "").strip():
-        match = re.fullmatch(r"(\d+(?:\.\d*)?(?:e\d+)?)\s*([kmgt]?)i?b?", text.lower())
+        match = re.fullmatch(
+            r"(\d+(?:\.\d*)?(?:e\d+)?)\s*([kmgt]?)i?b?", text.lower()
+        )
         if match is None:
             raise InputError.of(
                 VARIABLE, text, "is no amount of memory", "write it as '64 GB'"

@@ -24,7 +24,9 @@ MOVED = {
 class Finder:
     """Finds these modules where no other finder does."""
 
-    def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
+    def find_spec(
+        self, name: str, path: Any, target: Any = None
+    ) -> ModuleSpec | None:
         package, _, last = name.rpartition(".")
         is_moved = package == "chemage" and last in MOVED
         return ModuleSpec(name, self) if is_moved else None  # pyright: ignore[reportArgumentType]

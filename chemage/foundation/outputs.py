@@ -208,7 +208,9 @@ class Observing:
     def recorded(self) -> Block:
         """The same, to be passed on to the next stage."""
         return {
-            name: Recorded("a stage before", Output(**self.outputs[name]).of(values))
+            name: Recorded(
+                "a stage before", Output(**self.outputs[name]).of(values)
+            )
             for name, values in self.observables.items()
         }
 
@@ -228,7 +230,9 @@ def file_problem(name: Any) -> str:
         letter not in "/\\" and unicodedata.category(letter)[0] != "C"
         for letter in name
     )
-    proper = name == name.strip() and name not in ("", ".", "..") and len(name) <= 100
+    proper = (
+        name == name.strip() and name not in ("", ".", "..") and len(name) <= 100
+    )
     if allowed and proper:
         return ""
     return f"the name {name!r} cannot be that of a variable in a file"
@@ -264,8 +268,12 @@ def declaration_problems(outputs: Any) -> list[str]:
             problems.append(
                 f"output {name!r}: dims = {output.dims} lists one dimension twice"
             )
-        if not isinstance(output.unit, str) or not isinstance(output.description, str):
-            problems.append(f"output {name!r}: unit and description must be strings")
+        if not isinstance(output.unit, str) or not isinstance(
+            output.description, str
+        ):
+            problems.append(
+                f"output {name!r}: unit and description must be strings"
+            )
     return problems
 
 

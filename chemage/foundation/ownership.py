@@ -132,7 +132,10 @@ def _naming(member: Any, declared: Any) -> Any:
 
     if isinstance(member, property) and member.fget is not None:
         return property(
-            naming_owner(member.fget, title), member.fset, member.fdel, member.__doc__
+            naming_owner(member.fget, title),
+            member.fset,
+            member.fdel,
+            member.__doc__,
         )
     if isinstance(member, classmethod):
         return classmethod(

@@ -158,7 +158,9 @@ class _Lines:
 
     def _has_note(self, stage: str) -> bool:
         """Whether a note is what a stage has to say, and not how far it is."""
-        return bool(self._now.get(stage, (0, 0, ""))[2]) and stage not in self._units
+        return (
+            bool(self._now.get(stage, (0, 0, ""))[2]) and stage not in self._units
+        )
 
     @contextmanager
     def alive(self) -> Iterator[_Lines]:
@@ -184,7 +186,9 @@ class _Lines:
         noted = [stage for stage in self._now if self._has_note(stage)]
         stage = noted[-1] if noted else list(self._now)[-1]
         elapsed = time.perf_counter() - self._begun[stage]
-        wait = SILENCE if noted else min(max(SILENCE, elapsed / 10), LONGEST_SILENCE)
+        wait = (
+            SILENCE if noted else min(max(SILENCE, elapsed / 10), LONGEST_SILENCE)
+        )
         if time.monotonic() - self._printed < wait:
             return
         done, total, note = self._now[stage]
@@ -192,7 +196,9 @@ class _Lines:
             f"{done} done" if done else ""
         )
         words = [count, note] if stage in self._units else [count]
-        self._print(f"{stage}: {', '.join([*filter(None, words), f'{elapsed:.0f} s'])}")
+        self._print(
+            f"{stage}: {', '.join([*filter(None, words), f'{elapsed:.0f} s'])}"
+        )
 
     def _print(self, line: str) -> None:
         self._printed = time.monotonic()
@@ -303,5 +309,6 @@ def counted(
 def of_plugins(plugins: dict[str, str]) -> str:
     """Which plugins took part, in words."""
     return "plugins: " + (
-        ", ".join(f"{name} ({source})" for name, source in plugins.items()) or "none"
+        ", ".join(f"{name} ({source})" for name, source in plugins.items())
+        or "none"
     )

@@ -178,7 +178,9 @@ class Quantity(Declared):
     def of_replicas(self, values: np.ndarray) -> Self:
         """The same with the mean of independent ``values`` and Student's interval; one value has none."""
         mean = self.but(value=float(np.mean(values)))
-        return mean.between(float(half_width(values)), float(standard_error(values)))
+        return mean.between(
+            float(half_width(values)), float(standard_error(values))
+        )
 
     def row(self) -> tuple[str, str]:
         """Its line in a table: what it is, and its value with error and unit."""
@@ -211,7 +213,9 @@ class Quantity(Declared):
     def short(self) -> str:
         """Symbol, and value with its error in brackets, for legends: ``β = 0.466(12)``."""
         value = with_error(self.value, self.half_width)
-        return f"{self.symbol or self.label} = {_joined(value, unit_text(self.unit))}"
+        return (
+            f"{self.symbol or self.label} = {_joined(value, unit_text(self.unit))}"
+        )
 
     def columns(self) -> list[tuple[str, str, str]]:
         """The columns that it takes in a table: (name, unit, meaning)."""
@@ -225,7 +229,8 @@ class Quantity(Declared):
     def numbers(self) -> dict[str, float]:
         """Its numbers by the names of :meth:`columns`."""
         return {self.name: self.value} | {
-            f"{self.name}_{part}": getattr(self, part) for part in _COLUMNS[self.stated]
+            f"{self.name}_{part}": getattr(self, part)
+            for part in _COLUMNS[self.stated]
         }
 
 
@@ -265,7 +270,9 @@ class Curve(Declared):
         """Whether ``x`` are edges."""
         return self.x.size == self.mean.size + 1
 
-    def of_replicas(self, x: np.ndarray, values: np.ndarray, over: str = "") -> Self:
+    def of_replicas(
+        self, x: np.ndarray, values: np.ndarray, over: str = ""
+    ) -> Self:
         """The same with the means of (replicas, m) ``values`` at ``x``."""
         with np.errstate(over="ignore", invalid="ignore"):
             return self.but(

@@ -198,7 +198,8 @@ def stream(name: str) -> int:
     free = LAST_STREAM + 1 - FIRST_FREE_STREAM
     number = (
         FIRST_FREE_STREAM
-        + int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest()) % free
+        + int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest())
+        % free
     )
     other = _claimed.setdefault(number, name)
     if other != name:
@@ -225,7 +226,9 @@ def _indices(name: str, values: ArrayLike, last: int) -> NDArray[np.int64]:
         )
     low, high = int(array.min()), int(array.max())
     if low < 0 or high > last:
-        raise ValueError(f"{name}: {low if low < 0 else high} is outside 0 to {last}")
+        raise ValueError(
+            f"{name}: {low if low < 0 else high} is outside 0 to {last}"
+        )
     return np.ascontiguousarray(array, np.int64)
 
 

@@ -112,7 +112,9 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     values = array_in(array)
     if values.size > _LARGE:  # a view may repeat one number
         require(
-            8.0 * values.size, f"an array of shape {values.shape}", "give a smaller one"
+            8.0 * values.size,
+            f"an array of shape {values.shape}",
+            "give a smaller one",
         )
     if values.dtype.kind not in "fiubc":
         raise ValueError(f"expected numbers, not {_kind(values)}")
@@ -142,7 +144,9 @@ def frozen(array: Any, *dtypes: type[np.generic]) -> np.ndarray:
     if not (
         values.flags.c_contiguous and values.flags.aligned and values.dtype.isnative
     ) or _can_change(values):
-        values = np.array(values, values.dtype.newbyteorder("="), order="C", copy=True)
+        values = np.array(
+            values, values.dtype.newbyteorder("="), order="C", copy=True
+        )
         values.setflags(write=False)
     return values
 
@@ -180,7 +184,9 @@ def read_only(value: Any) -> Any:
     if isinstance(value, Mapping):
         return ReadOnlyDict((name, read_only(one)) for name, one in value.items())
     if type(value) in (list, tuple):
-        return (ReadOnlyList if type(value) is list else tuple)(map(read_only, value))
+        return (ReadOnlyList if type(value) is list else tuple)(
+            map(read_only, value)
+        )
     if type(value) is np.ndarray and _can_change(value):
         value = value.copy()
         value.setflags(write=False)
@@ -199,7 +205,9 @@ _KINDS = {
 
 def _is_zero_or_one(values: np.ndarray) -> bool:
     return (
-        values.dtype.kind in "iu" and int(values.min()) >= 0 and int(values.max()) <= 1
+        values.dtype.kind in "iu"
+        and int(values.min()) >= 0
+        and int(values.max()) <= 1
     )
 
 
@@ -283,7 +291,9 @@ class Record(Frozen, metaclass=_Documented):
                 try:
                     fields[name] = array_in(fields[name], unit)
                 except UnitError as error:
-                    raise UnitError(f"{type(self).__name__}: {name}: {error}") from None
+                    raise UnitError(
+                        f"{type(self).__name__}: {name}: {error}"
+                    ) from None
         super().__init__(**fields)
         for name, value in vars(self).items():
             vars(self)[name] = read_only(value)
@@ -316,7 +326,9 @@ class Record(Frozen, metaclass=_Documented):
                     feed(value[name])
                 digest.update(b"}")
             else:
-                digest.update(json.dumps(value, default=str, sort_keys=True).encode())
+                digest.update(
+                    json.dumps(value, default=str, sort_keys=True).encode()
+                )
 
         feed(
             {
@@ -345,7 +357,9 @@ class Record(Frozen, metaclass=_Documented):
         # built anew, so that the arrays of the copy are read-only as well (pickle drops that flag)
         return type(self).fromdict, (self.todict(),)
 
-    def model_copy(self, *, update: Fields | None = None, deep: bool = False) -> Self:
+    def model_copy(
+        self, *, update: Fields | None = None, deep: bool = False
+    ) -> Self:
         """A copy with some fields changed, validated again (pydantic's own would keep the digest of the original)."""
         return type(self).fromdict({**self.todict(), **(update or {})})
 
@@ -362,7 +376,9 @@ class Record(Frozen, metaclass=_Documented):
     @property
     def approximate(self) -> list[Data]:
         """The approximations on the way to this record, as in :mod:`chemage.foundation.records`."""
-        return merged_approximations(getattr(self, "provenance", {}).get("approximate"))
+        return merged_approximations(
+            getattr(self, "provenance", {}).get("approximate")
+        )
 
     def noting(
         self,
@@ -402,7 +418,9 @@ class Record(Frozen, metaclass=_Documented):
     def _repr_html_(self) -> str:
         rows, texts = [], meanings(type(self))
         for name, value in self.todict().items():
-            unit, meaning = self.arrays[name][1:] if name in self.arrays else ("", "")
+            unit, meaning = (
+                self.arrays[name][1:] if name in self.arrays else ("", "")
+            )
             shown = (
                 f"{value.dtype} {value.shape}"
                 if isinstance(value, np.ndarray)

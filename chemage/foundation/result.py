@@ -312,7 +312,9 @@ class Result(Owned):
 
     def provenance(self) -> Rows:
         """Seeds, versions and content hashes: (item, value)."""
-        return [(f"plugin {name}", version) for name, version in self.plugins.items()]
+        return [
+            (f"plugin {name}", version) for name, version in self.plugins.items()
+        ]
 
     def ageing(self) -> Ageing:
         """What others are held against; nothing without ageing."""
@@ -325,7 +327,9 @@ class Result(Owned):
     def draw(self, axes: Axes, medium: Medium = FILE) -> None:
         """Draw its main plot: the first panel of the first picture; a kind may have options for it."""
         panels = [
-            panel for picture in self.pictures().values() for panel in picture.panels
+            panel
+            for picture in self.pictures().values()
+            for panel in picture.panels
         ]
         if not panels:
             raise InputError(f"{with_article(self.name)} has no picture")
@@ -335,7 +339,9 @@ class Result(Owned):
         """Its picture and a table of its main numbers and notes, as HTML without references to anything else; the table
         alone where matplotlib is missing."""
         rows = [*self.rows(), *(("note", note) for note in self.notes())]
-        return f"<div>{self._cell()}<div>{html_table(self.heading, rows)}</div></div>"
+        return (
+            f"<div>{self._cell()}<div>{html_table(self.heading, rows)}</div></div>"
+        )
 
     def _cell(self) -> str:
         """The first panels of its parts, or of its own pictures."""
@@ -385,7 +391,9 @@ class OfRecord(Result, Generic[R]):
 
     def arrays(self) -> Rows:
         found = (
-            self.record.measured.values() if isinstance(self.record, Observing) else ()
+            self.record.measured.values()
+            if isinstance(self.record, Observing)
+            else ()
         )
         return [output.row() for output in found if output.numbers is None]
 
@@ -399,7 +407,8 @@ class OfRecord(Result, Generic[R]):
         if isinstance(self.record, Observing):
             del fields["outputs"]
             fields["observables"] = {
-                name: output.summary() for name, output in self.record.measured.items()
+                name: output.summary()
+                for name, output in self.record.measured.items()
             }
         numbers = {
             name: value
@@ -443,7 +452,9 @@ class RecordDisplay(OfRecord[Record]):
 
     def facts(self) -> Rows:
         fields = {
-            name: value for name, value in self.numbers().items() if name != "object"
+            name: value
+            for name, value in self.numbers().items()
+            if name != "object"
         }
         return [
             *self.remarks(),
@@ -465,7 +476,9 @@ def _display_of(cls: type) -> Callable[[Any], Result] | None:
         import_module(
             f"chemage.{PICTURES}"
         )  # chemage's own kinds; what shows them is in rooms above this one
-    return next((_DISPLAYS[base] for base in cls.__mro__ if base in _DISPLAYS), None)
+    return next(
+        (_DISPLAYS[base] for base in cls.__mro__ if base in _DISPLAYS), None
+    )
 
 
 def is_result(thing: Any) -> bool:
@@ -494,7 +507,9 @@ def drawn_picture(picture: Picture) -> Figure:
     """Draw a picture as it is in a file, in the current look."""
     count = len(picture.panels)
     with drawn_as():
-        drawn, axes = plots(*picture.size, picture.columns or count, count, picture.dpi)
+        drawn, axes = plots(
+            *picture.size, picture.columns or count, count, picture.dpi
+        )
         for panel, plot in zip(picture.panels, axes, strict=True):
             panel.draw(plot, FILE)
         if picture.finish is not None:
@@ -524,13 +539,17 @@ def single_panels(
         height = picture.size[1] / rows
         for panel in picture.panels:
             name = of if panel.name in ("", of) else f"{of}-{panel.name}"
-            alone = replace(picture, panels=(panel,), size=(width, height), columns=1)
+            alone = replace(
+                picture, panels=(panel,), size=(width, height), columns=1
+            )
             for called in dict.fromkeys((panel.name or of, name, of)):
                 every.setdefault(called, []).append((name, alone))
     if missing := [name for name in names if name not in every]:
         known = ", ".join(
             dict.fromkeys(
-                panel.name or of for of, one in pictures.items() for panel in one.panels
+                panel.name or of
+                for of, one in pictures.items()
+                for panel in one.panels
             )
         )
         problem = f"is no panel of this result{nearest(missing[0], list(every))}"

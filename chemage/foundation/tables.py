@@ -181,11 +181,15 @@ def _text_lines(
         marks, lines = [match[1]], lines[1:]
 
     def split(part: Sequence[Line], mark: str | None) -> list[Cells]:
-        return [(n, f"{source}, line {n}", [*_cells(line, mark)]) for n, line in part]
+        return [
+            (n, f"{source}, line {n}", [*_cells(line, mark)]) for n, line in part
+        ]
 
     # of comments the last one, as numpy.savetxt writes the names
     commented = [
-        (n, line.lstrip("# \t")) for n, line in every if line.lstrip().startswith("#")
+        (n, line.lstrip("# \t"))
+        for n, line in every
+        if line.lstrip().startswith("#")
     ]
     for part in (
         lines[:_PREAMBLE],
@@ -200,7 +204,9 @@ def _text_lines(
         if count > 1:
             more = [] if lines and part[0] == lines[0] else part
             return split([*more, *lines], mark)
-    mark = next((mark for mark in marks if mark and lines and mark in lines[0][1]), ",")
+    mark = next(
+        (mark for mark in marks if mark and lines and mark in lines[0][1]), ","
+    )
     return split(lines, mark)
 
 
@@ -330,7 +336,9 @@ def _rows_of(sheet: Any) -> list[tuple[int, list[Any]]]:
             raise ValueError(
                 f"it has cells at row {number}, column {len(row)}; delete what is far from the table"
             )
-        last = next((at for at in range(len(row), 0, -1) if row[at - 1] is not None), 0)
+        last = next(
+            (at for at in range(len(row), 0, -1) if row[at - 1] is not None), 0
+        )
         if last:
             rows.append((number, list(row[:last])))
     return rows

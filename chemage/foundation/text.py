@@ -54,7 +54,9 @@ def plus_minus(value: float, error: float, unit: str = "") -> str:
 def with_error(value: float, error: float) -> str:
     """``0.43(3)``: a value with its error in units of the last digit, rounded to :func:`decimals`, for legends."""
     if not (
-        math.isfinite(value) and math.isfinite(error) and error > ROUNDING * abs(value)
+        math.isfinite(value)
+        and math.isfinite(error)
+        and error > ROUNDING * abs(value)
     ):
         return f"{value:.3g}"
     digits = decimals(error)
@@ -70,7 +72,9 @@ def power_text(value: float) -> str:
     exponent = round(math.log10(value)) if value > 0 and math.isfinite(value) else 0
     if -3 < exponent < 3 or not math.isclose(value, 10.0**exponent):
         return f"{value:g}"
-    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return "10" + str(exponent).translate(
+        str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    )
 
 
 def percent(part: float) -> str:
@@ -120,9 +124,7 @@ def _error_in_words(entry: Fields) -> str:
     error = entry.get("declared_error")
     if not isinstance(error, int | float):
         return "no error declared"
-    return (
-        f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
-    )
+    return f"declared error {100 * error:.3g} % of {entry.get('of') or 'what it computes'}"
 
 
 def jsonable(value: Any) -> Any:

@@ -86,9 +86,9 @@ def in_order(
             # one more for each thread, so that none waits; not all, because there may be 10^9
             while begun < count and len(running) < 2 * threads:
                 # options of plugins are context variables, which the threads would not see
-                running[pool.submit(contextvars.copy_context().run, task, begun)] = (
-                    begun
-                )
+                running[
+                    pool.submit(contextvars.copy_context().run, task, begun)
+                ] = begun
                 begun += 1
             finished, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in finished:

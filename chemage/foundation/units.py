@@ -48,7 +48,9 @@ class WithUnit(Protocol):
 
 
 #: what users give for a quantity: a number in the internal unit, a string with its unit, or a quantity of pint
-QuantityLike: TypeAlias = float | str | np.floating[Any] | np.integer[Any] | WithUnit
+QuantityLike: TypeAlias = (
+    float | str | np.floating[Any] | np.integer[Any] | WithUnit
+)
 
 #: 1 GPa nm³ in eV: energy = activation volume (nm³) × pressure (GPa) × this.
 EV_PER_GPA_NM3 = float(ase.units.GPa * ase.units.nm**3)
@@ -81,7 +83,9 @@ def unit_registry() -> pint.UnitRegistry:
     import pint
 
     exact: Any = Decimal  # pint takes it, its annotation says float
-    return pint.UnitRegistry(non_int_type=exact, autoconvert_offset_to_baseunit=True)
+    return pint.UnitRegistry(
+        non_int_type=exact, autoconvert_offset_to_baseunit=True
+    )
 
 
 def convert(value: object, unit: str, field: str = "") -> float:
@@ -236,7 +240,9 @@ def plain_array(value: Any) -> np.ndarray:
     except Exception:  # ragged, nested too deeply, or of a library that refuses
         raise UnitError("expected an array of numbers") from None
     if masked:
-        raise UnitError(f"{masked} values are masked; fill or crop missing data first")
+        raise UnitError(
+            f"{masked} values are masked; fill or crop missing data first"
+        )
     return np.asarray(array)
 
 
@@ -303,7 +309,11 @@ def in_range(value: float, unit: str) -> float:
     InputError
         It is smaller than ``SMALLEST`` or larger than ``LARGEST``.
     """
-    if value != 0 and math.isfinite(value) and not SMALLEST <= abs(value) <= LARGEST:
+    if (
+        value != 0
+        and math.isfinite(value)
+        and not SMALLEST <= abs(value) <= LARGEST
+    ):
         text = f"{value:g} {unit}".strip()
         raise InputError(
             f"{text} is out of range; give 0, or {SMALLEST:g} to {LARGEST:g} {unit}".strip()
@@ -421,7 +431,10 @@ class Unit:
     ) -> None:
         self.unit = unit
         self.words = words
-        self.wide = wide or unit in ("", "eV")  # barriers are limited by the engines
+        self.wide = wide or unit in (
+            "",
+            "eV",
+        )  # barriers are limited by the engines
         bounds = zip(_BOUNDS, (gt, ge, lt, le), strict=True)
         self._bounds: Data = {
             name: bound for name, bound in bounds if bound is not None
@@ -436,7 +449,9 @@ class Unit:
             allow_inf_nan=False, **(self._bounds | bounds)
         )
         either = core_schema.union_schema([number, core_schema.str_schema()])
-        as_it_is = core_schema.plain_serializer_function_ser_schema(lambda value: value)
+        as_it_is = core_schema.plain_serializer_function_ser_schema(
+            lambda value: value
+        )
         return core_schema.no_info_wrap_validator_function(
             self._validated,
             number,
@@ -482,7 +497,9 @@ def _marks(field: FieldInfo) -> Iterator[Any]:
         yield from place
 
 
-_FILE = BeforeValidator(lambda value: str(value) if isinstance(value, Path) else value)
+_FILE = BeforeValidator(
+    lambda value: str(value) if isinstance(value, Path) else value
+)
 #: the path of a file, a text or a ``Path``: where a scene in a file has a relative one, it starts from that folder
 FilePath: TypeAlias = Annotated[str, _FILE]
 

@@ -26,7 +26,9 @@ ROLES = {
 
 
 @hookspec(firstresult=True)
-def chemage_rupture_bonds(rupture: Rupture | None, bonded: Bonded) -> np.ndarray | None:
+def chemage_rupture_bonds(
+    rupture: Rupture | None, bonded: Bonded
+) -> np.ndarray | None:
     """Give the force in nN that breaks the bonds after each hold time, (m,), finite and not negative.
 
     Return None to leave it to the next plugin; chemage itself answers last. Called once per replica.
@@ -105,7 +107,9 @@ class _Rupture(Stage):
         if answer.dtype.kind not in "fiu":
             problem = f"gave values of type {answer.dtype}"
         elif answer.shape != (times,):
-            problem = f"gave an array of shape {answer.shape} for {times} hold times"
+            problem = (
+                f"gave an array of shape {answer.shape} for {times} hold times"
+            )
         elif bad := int(np.count_nonzero(~np.isfinite(answer))):
             problem = f"gave {bad} forces of {times} that are not finite"
         elif (answer < 0).any():
@@ -152,12 +156,16 @@ class _Rupture(Stage):
             }
             check = parts[self.section].check
             for text in (
-                call_with(check, parts["chemistry"], parts["hold"].temperature, **known)
+                call_with(
+                    check, parts["chemistry"], parts["hold"].temperature, **known
+                )
                 or ()
             ):
                 yield Doubt("parts", text)
 
-    def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
+    def doubts_of_sweep(
+        self, parts: Parts, varied: Collection[str]
+    ) -> Iterator[Doubt]:
         if (
             "hold.temperature" in varied
             and "hold" in parts

@@ -23,9 +23,21 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
 from chemage.foundation.outputs import kept, recording
 from chemage.foundation.records import Doubles, Flags, Indices, Number, Plain
-from chemage.foundation.result import Medium, OfRecord, Panel, Picture, Rows, displays
+from chemage.foundation.result import (
+    Medium,
+    OfRecord,
+    Panel,
+    Picture,
+    Rows,
+    displays,
+)
 from chemage.foundation.units import Force, Length, QuantityLike, Unit
-from chemage.kinetics.history import BondHistory, Followed, checked_start, counters_of
+from chemage.kinetics.history import (
+    BondHistory,
+    Followed,
+    checked_start,
+    counters_of,
+)
 from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
@@ -108,7 +120,11 @@ class PullHistory(Followed):
 
     arrays = {
         "times": (("time",), "s", "time since the contact was made"),
-        "displacement": (("time",), "nm", "of the slider, since it was first pulled"),
+        "displacement": (
+            ("time",),
+            "nm",
+            "of the slider, since it was first pulled",
+        ),
         "force": (("time",), "nN", "of the drive"),
         "bonds": (("time",), "", "number of bonds"),
         "formed": (("time",), "", "bonds formed so far"),
@@ -118,7 +134,11 @@ class PullHistory(Followed):
         "rubbed": (("time",), "nN nm", "lost so far to the friction of the slider"),
         "stored": (("time",), "nN nm", "elastic energy of bonds and spring"),
         "state": (("site",), "", "whether each site is bonded at the end"),
-        "stretch": (("site",), "nm", "of each bond at the end, 0 where there is none"),
+        "stretch": (
+            ("site",),
+            "nm",
+            "of each bond at the end, 0 where there is none",
+        ),
         "slips": (("site",), "", "bonds that each site has lost"),
         "forming": (
             ("site",),
@@ -193,7 +213,8 @@ class PullHistory(Followed):
         with unstretched bonds."""
         lost = self.work - self.dissipated - self.rubbed - self.stored
         return lost / np.maximum(
-            np.maximum(self.work, self.dissipated + self.rubbed + self.stored), 1e-300
+            np.maximum(self.work, self.dissipated + self.rubbed + self.stored),
+            1e-300,
         )
 
     @property
@@ -216,9 +237,7 @@ class PullHistory(Followed):
         if self.stretch.size and (
             float(self.stretch.min()) < 0 or self.stretch[~self.state].any()
         ):
-            return (
-                "stretch: a bond is compressed, or a site without a bond is stretched"
-            )
+            return "stretch: a bond is compressed, or a site without a bond is stretched"
         for name in (
             "displacement",
             "formed",
@@ -313,7 +332,9 @@ class Pulling(Component, ABC):
             ReactionLattice,
             "make one with chemistry.on(contact), or from arrays",
         )
-        expect("drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)")
+        expect(
+            "drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)"
+        )
         moments, kelvin = check_times(times), temperature_value(temperature)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
@@ -347,7 +368,9 @@ class Pulling(Component, ABC):
             pulled = pulled.model_copy(
                 update={"resume": {**counters_of(start.resume), **pulled.resume}}
             )
-        return pulled.model_copy(update=kept(pulled, recorded)) if recorded else pulled
+        return (
+            pulled.model_copy(update=kept(pulled, recorded)) if recorded else pulled
+        )
 
 
 def pulling(kind: str, **options: Any) -> Any:
@@ -411,7 +434,10 @@ class PullDisplay(OfRecord[PullHistory]):
                 "peak",
                 f"{pull.peak:.4g} nN at {pull.peak_displacement:.4g} nm, {pull.peak_time:.4g} s",
             ),
-            (f"at {pull.time:g} s", f"{pull.force[-1]:.4g} nN, {pull.bonds[-1]} bonds"),
+            (
+                f"at {pull.time:g} s",
+                f"{pull.force[-1]:.4g} nN, {pull.bonds[-1]} bonds",
+            ),
             (
                 "work",
                 f"{pull.work[-1]:.4g} nN nm, of which {pull.dissipated[-1]:.4g} nN nm were lost with bonds",

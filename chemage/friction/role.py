@@ -107,7 +107,9 @@ class RuptureForce(Observing, Record):
         return self
 
     def __repr__(self) -> str:
-        return f"<RuptureForce {self.force[-1]:.4g} nN at {self.hold_times[-1]:g} s>"
+        return (
+            f"<RuptureForce {self.force[-1]:.4g} nN at {self.hold_times[-1]:g} s>"
+        )
 
     __str__ = __repr__
 
@@ -142,7 +144,9 @@ class Rupture(Component, ABC):
         values."""
         return ()
 
-    def check(self, chemistry: Chemistry, temperature: float) -> Sequence[str] | None:
+    def check(
+        self, chemistry: Chemistry, temperature: float
+    ) -> Sequence[str] | None:
         """Refuse, before anything is computed, what :meth:`force` would refuse at ``temperature`` (K); return doubts as
         sentences. Used by ``chemage check``. A component may add ``sites``, which is None where their number is not
         known, ``times`` and ``pressure``, as for :meth:`expected`.

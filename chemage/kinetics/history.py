@@ -82,9 +82,7 @@ class Followed(Observing, Record):
         last = getattr(self, self.of_times)[-1]
         bonded = int(np.count_nonzero(self.state))
         if self.time != last:
-            return (
-                f"time = {self.time:g} s is not the last of {self.of_times}, {last:g} s"
-            )
+            return f"time = {self.time:g} s is not the last of {self.of_times}, {last:g} s"
         if self.bonds[-1] != bonded:
             return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
         return ""
@@ -154,7 +152,10 @@ class BondHistory(Followed):
             raise ValueError(
                 "hold_times, bonds, formed, broken: must be one-dimensional and of equal length"
             )
-        if self.states is not None and self.states.shape != (*shape, *self.state.shape):
+        if self.states is not None and self.states.shape != (
+            *shape,
+            *self.state.shape,
+        ):
             raise ValueError(
                 f"states: shape {self.states.shape}; give ({shape[0]}, {self.state.size})"
             )
@@ -214,7 +215,9 @@ class BondHistory(Followed):
             for name in ("hold_times", "bonds", "formed", "broken")
         }
         states = [
-            history.states for history in (self, later) if history.states is not None
+            history.states
+            for history in (self, later)
+            if history.states is not None
         ]
         both["states"] = np.concatenate(states) if len(states) == 2 else None
         both["notes"] = tuple(dict.fromkeys((*self.notes, *later.notes)))
@@ -233,7 +236,9 @@ class BondHistory(Followed):
 
     def to_pandas(self) -> pandas.DataFrame:
         """One row for each hold time (s): bonds, and those formed and broken so far. Needs pandas."""
-        columns = {name: getattr(self, name) for name in ("bonds", "formed", "broken")}
+        columns = {
+            name: getattr(self, name) for name in ("bonds", "formed", "broken")
+        }
         return frame(
             {"hold_time": self.hold_times, **columns},
             "hold_time",

@@ -127,7 +127,10 @@ class _Engine(Stage):
         solver = parts["contact"]
         if self.section not in parts or not solver.gives_map:
             return
-        surface, density = parts["surface"].expected(), parts["chemistry"].site_density
+        surface, density = (
+            parts["surface"].expected(),
+            parts["chemistry"].site_density,
+        )
         pixel = surface.get("pixel_size", PIXEL_SIZE)
         n = (
             PIXELS
@@ -147,7 +150,9 @@ class _Engine(Stage):
             periodic=bool(surface.get("periodic", 1)),
         )
         chemistry = parts["chemistry"]
-        if isinstance(density, str):  # the sites of a surface are some of its pixels
+        if isinstance(
+            density, str
+        ):  # the sites of a surface are some of its pixels
             chemistry = chemistry.replace(site_density="pixel")
         parts[self.section].warm_up(
             build_lattice(chemistry, contact), parts["hold"].temperature

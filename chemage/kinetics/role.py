@@ -137,7 +137,9 @@ class Engine(Component, ABC):
                 update={"resume": {**counters_of(start.resume), **history.resume}}
             )
         return (
-            history.model_copy(update=kept(history, recorded)) if recorded else history
+            history.model_copy(update=kept(history, recorded))
+            if recorded
+            else history
         )
 
     def checked(

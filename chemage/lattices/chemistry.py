@@ -139,7 +139,9 @@ class Chemistry(Component):
     def sites_of(self, contact: ContactSolution) -> ContactSites:
         """The sites of ``contact`` in contact, and their pressures; see :func:`chemage.plugin.contact_sites`."""
         expect_contact(contact)
-        return contact_sites(contact, self.site_density, pressed=not self.tensile_sites)
+        return contact_sites(
+            contact, self.site_density, pressed=not self.tensile_sites
+        )
 
     def sites_per_area(self, contact: Contact) -> float:
         """Sites per nm² on ``contact``: those of its grid of sites, or where its map is not known the option.
@@ -195,7 +197,8 @@ class Chemistry(Component):
         graph = None
         if self.hydroxylation < 1:
             kept = (
-                random.uniforms(seed, random.HYDROXYLATION, sites) < self.hydroxylation
+                random.uniforms(seed, random.HYDROXYLATION, sites)
+                < self.hydroxylation
             )
             sites, pressure = sites[kept], pressure[kept]
         if self.interaction is not None:
@@ -225,7 +228,9 @@ class Chemistry(Component):
         if self.interaction is not None and graph is not None:
             fields |= {
                 "neighbours": graph,
-                "coupling": coupling_of(touching, self.interaction, sites, graph, seed),
+                "coupling": coupling_of(
+                    touching, self.interaction, sites, graph, seed
+                ),
             }
         return ReactionLattice(**fields)
 

@@ -23,7 +23,10 @@ ROLES = {
 
 @hookspec(firstresult=True)
 def chemage_build_lattice(
-    chemistry: Chemistry, contact: ContactSolution, seed: Seed, sites: np.ndarray | None
+    chemistry: Chemistry,
+    contact: ContactSolution,
+    seed: Seed,
+    sites: np.ndarray | None,
 ) -> ReactionLattice | None:
     """Turn a contact into reactive sites. Return None to leave it to the next plugin; chemage itself answers last.
 
@@ -55,7 +58,9 @@ class _Chemistry(Stage):
         if (
             own is not None
         ):  # what the density makes of the sites is in the key, see key_ends
-            own = {name: value for name, value in own.items() if name != "site_density"}
+            own = {
+                name: value for name, value in own.items() if name != "site_density"
+            }
         return super().key_entries({**sections, self.section: own})
 
     def key_ends(self, parts: Parts) -> Mapping[str, Any]:
@@ -64,7 +69,9 @@ class _Chemistry(Stage):
             return {}
         ends: dict[str, Any] = {}
         if not (grids and grids[0] == grids[1]):
-            ends[self.key] = {"sites": grids[1] if grids else chemistry.site_density}
+            ends[self.key] = {
+                "sites": grids[1] if grids else chemistry.site_density
+            }
         elif chemistry.site_density == "given":
             ends[self.key] = {"sites": chemistry.site_density}
         if limits := chemistry.given_limits():
@@ -106,11 +113,15 @@ class _Chemistry(Stage):
             numbers["sites"] = fraction * whole * chemistry.hydroxylation
         if "hold" in parts and pressure is not None:
             spread = (
-                smooth_pressures if "radius" in stated["surface"] else rough_pressures
+                smooth_pressures
+                if "radius" in stated["surface"]
+                else rough_pressures
             )
             last = float(parts["hold"].hold_times[-1])
             temperature = parts["hold"].temperature
-            expected = expected_kinetics(chemistry, spread(pressure), last, temperature)
+            expected = expected_kinetics(
+                chemistry, spread(pressure), last, temperature
+            )
             numbers |= {
                 "events": expected.events,
                 "bonded": expected.bonded,

@@ -65,7 +65,9 @@ class TwoState:
             small = passed < 1e-4
             safe = np.where(small, 1.0, passed)
             mean = np.where(small, passed / 2, 1 + np.expm1(-safe) / safe)
-            return np.minimum(self.breaking * times, 1e300) * self.equilibrium * mean
+            return (
+                np.minimum(self.breaking * times, 1e300) * self.equilibrium * mean
+            )
 
 
 class Expected(NamedTuple):
@@ -88,7 +90,10 @@ def smooth_pressures(mean: float) -> np.ndarray:
 
 
 def expected_kinetics(
-    chemistry: Chemistry, pressures: np.ndarray, hold_time: float, temperature: float
+    chemistry: Chemistry,
+    pressures: np.ndarray,
+    hold_time: float,
+    temperature: float,
 ) -> Expected:
     """Bonds formed and broken per reactive site until ``hold_time``, and the bonds then: means over the barriers.
 
@@ -106,7 +111,9 @@ def expected_kinetics(
     ranks, forming_weights = _ranks(FORMING)
     intrinsic = chemistry.forming.quantile(ranks)
     barriers = effective_forming(
-        intrinsic, chemistry.activation_volume, np.asarray(pressures, float)[:, None]
+        intrinsic,
+        chemistry.activation_volume,
+        np.asarray(pressures, float)[:, None],
     )
     breaking, breaking_weights = np.zeros(1), np.ones(1)
     if chemistry.breaking is not None:
@@ -119,7 +126,9 @@ def expected_kinetics(
         with np.errstate(under="ignore"):
             return float(
                 np.sum(
-                    values.mean(axis=0) * breaking_weights * forming_weights[:, None]
+                    values.mean(axis=0)
+                    * breaking_weights
+                    * forming_weights[:, None]
                 )
             )
 

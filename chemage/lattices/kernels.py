@@ -166,7 +166,9 @@ def _weights(t, values, slopes):  # pragma: no cover - compiled
 
 
 @compiled
-def _touched(i, place, inside, grid, periodic, active):  # pragma: no cover - compiled
+def _touched(
+    i, place, inside, grid, periodic, active
+):  # pragma: no cover - compiled
     """Mark the cells between the rows of pixels i and i + 1 that have a pixel in contact; whether there is any."""
     nx, ny = grid
     first = 0 if periodic else -1
@@ -242,7 +244,9 @@ def place_sites(
                             place[_near(i + k - 1, j + m - 1, nx, ny, periodic)]
                         ]
                 for column in range(begin, end):
-                    _weights((2 * column * ny + oy - 2 * j * my) / (2.0 * my), wy, vy)
+                    _weights(
+                        (2 * column * ny + oy - 2 * j * my) / (2.0 * my), wy, vy
+                    )
                     f, fx, fy = 0.0, 0.0, 0.0
                     for k in range(4):
                         for m in range(4):
@@ -314,7 +318,9 @@ def balance(
         for k in range(pixels.size):
             wanted, found = 0.0, 0.0
             for di, dj in STEPS:
-                other = _at(pixels[k] // ny + di, pixels[k] % ny + dj, nx, ny, periodic)
+                other = _at(
+                    pixels[k] // ny + di, pixels[k] % ny + dj, nx, ny, periodic
+                )
                 if other >= 0 and place[other] >= 0:
                     wanted += load[place[other]]
                     # how many sites belong to a pixel changes from one to the next

@@ -38,7 +38,10 @@ MOST_SITES = 2**31 - 1
 
 def _in_range(name: str, values: np.ndarray, remedy: str) -> None:
     require_finite(name, values, remedy)
-    if max(float(values.max(initial=0.0)), -float(values.min(initial=0.0))) > LARGEST:
+    if (
+        max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+        > LARGEST
+    ):
         raise ValueError(f"{name}: beyond {LARGEST:g}, out of range; {remedy}")
 
 
@@ -119,7 +122,10 @@ class ReactionLattice(Observing, Record):
                 f"sites: shape {self.sites.shape}; give a one-dimensional array"
             )
         if n:
-            if self.sites[0] < 0 or self.sites[-1] >= self.pixels[0] * self.pixels[1]:
+            if (
+                self.sites[0] < 0
+                or self.sites[-1] >= self.pixels[0] * self.pixels[1]
+            ):
                 raise ValueError(
                     f"sites: from {self.sites[0]} to {self.sites[-1]}, outside the grid of {self.pixels}"
                 )
@@ -150,7 +156,9 @@ class ReactionLattice(Observing, Record):
                 else "give barriers in eV",
             )
         if self.origin is not None and not np.isfinite(self.origin).all():
-            raise ValueError(f"origin: {self.origin} is not finite; give x and y in nm")
+            raise ValueError(
+                f"origin: {self.origin} is not finite; give x and y in nm"
+            )
         if self.positions is not None:
             self._check_positions(self.positions, n)
         self._check_graph(n)
@@ -192,7 +200,9 @@ class ReactionLattice(Observing, Record):
                 f"neighbours {neighbours.shape} and coupling {coupling.shape}: both must be ({n}, k) for {n} sites"
             )
         _in_range(
-            "coupling", coupling, "give energies in eV, 0 where there is no neighbour"
+            "coupling",
+            coupling,
+            "give energies in eV, 0 where there is no neighbour",
         )
         from chemage.lattices.kernels import find_fault
 

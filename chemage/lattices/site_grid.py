@@ -167,7 +167,9 @@ class ContactSites:
             return 0.0
         edges, size = self._edges(), contact.pixel_size / self.spacing
         slope, least = ALIKE if contact.gap is not None else ALIKE_WITHOUT_GAP
-        alike = ALIKE_AVERAGED if self.rule == "averaged" else slope * max(size, least)
+        alike = (
+            ALIKE_AVERAGED if self.rule == "averaged" else slope * max(size, least)
+        )
         return (
             NORMAL_LIMIT
             * math.hypot(alike * edges, APART * max(size, 1.0) * math.sqrt(edges))
@@ -243,7 +245,9 @@ def contact_sites(
     )
 
 
-def _made(contact: ContactSolution, density: Density, pressed: bool) -> ContactSites:
+def _made(
+    contact: ContactSolution, density: Density, pressed: bool
+) -> ContactSites:
     shape = site_shape(contact.shape, contact.pixel_size, density)
     rule = site_rule(contact.shape, shape)
     size = contact.pixel_size
@@ -318,12 +322,16 @@ def _of_surface(contact: ContactSolution) -> np.ndarray:
 def adhering(pixel_size: float, density: Density) -> tuple[str, str]:
     """What is wrong with sites smaller than the pixels of surfaces that adhere, and the remedy."""
     size = 1.0 if isinstance(density, str) else density**-0.5
-    why = f"sites of {size:.4g} nm are smaller than the pixels of {pixel_size:.4g} nm"
+    why = (
+        f"sites of {size:.4g} nm are smaller than the pixels of {pixel_size:.4g} nm"
+    )
     why += ", and where surfaces adhere the pressure below the pixel is not known"
     return why, f'use pixels of {size:.4g} nm or less, or site_density = "pixel"'
 
 
-def _bearing(contact: ContactSolution, pressure: np.ndarray, area: float) -> np.ndarray:
+def _bearing(
+    contact: ContactSolution, pressure: np.ndarray, area: float
+) -> np.ndarray:
     """``pressure`` in arbitrary units, scaled so that sites of ``area`` nm² carry the load of the pixels; that of
     surfaces that adhere, whose sites carry less, as it is, in GPa."""
     if contact.touching is not None:
@@ -360,14 +368,18 @@ def _reconstructed(
         gap = contact.gap.ravel()[pixels].astype(np.float64)
         with np.errstate(over="ignore", under="ignore"):
             opening = np.clip(
-                0.75 * contact.modulus / contact.pixel_size / highest * gap, 0.0, 1e100
+                0.75 * contact.modulus / contact.pixel_size / highest * gap,
+                0.0,
+                1e100,
             )
     level = pressure**2
     kernels.rim(pixels, bounds, place, opening, level, nx, ny, periodic, PASSES)
     sizes = spacing / contact.pixel_size
     if contact.contact_pixels == "centres":
         shift = (
-            BEYOND_CENTRES if contact.gap is not None else BEYOND_CENTRES_WITHOUT_GAP
+            BEYOND_CENTRES
+            if contact.gap is not None
+            else BEYOND_CENTRES_WITHOUT_GAP
         )
     else:
         shift = (
@@ -394,7 +406,9 @@ def _reconstructed(
         )
         values = mean[at]
     else:
-        kernels.balance(place, pixels, pressure, grid, shape, periodic, sites, values)
+        kernels.balance(
+            place, pixels, pressure, grid, shape, periodic, sites, values
+        )
     return sites, _bearing(contact, values, spacing**2)
 
 
@@ -404,7 +418,9 @@ def _nearest(
     """The site nearest to each pixel in contact, and the sum of their pressures."""
     offset = 0.0 if contact.periodic else 0.5
     at = [
-        np.floor((where + offset) * (sites / pixels) + (0.5 - offset)).astype(np.int64)
+        np.floor((where + offset) * (sites / pixels) + (0.5 - offset)).astype(
+            np.int64
+        )
         % sites
         for where, sites, pixels in zip(
             np.divmod(contact.sites, contact.shape[1]),
@@ -414,7 +430,9 @@ def _nearest(
         )
     ]
     sites, which = np.unique(at[0] * shape[1] + at[1], return_inverse=True)
-    return sites, np.bincount(which, weights=contact.pressure.ravel()[contact.sites])
+    return sites, np.bincount(
+        which, weights=contact.pressure.ravel()[contact.sites]
+    )
 
 
 def _squares(

@@ -24,7 +24,9 @@ Contents = dict[str, int]
 _DERIVED = "\0"
 
 
-def contents(value: Any, before: Contents | None = None, path: str = "") -> Contents:
+def contents(
+    value: Any, before: Contents | None = None, path: str = ""
+) -> Contents:
     """The checksum of each field in ``value``, at any depth.
 
     What a record has derived from its fields since the contents ``before`` is forgotten, so that it is derived anew by
@@ -33,7 +35,9 @@ def contents(value: Any, before: Contents | None = None, path: str = "") -> Cont
     return dict(_parts(value, path, before))
 
 
-def _parts(value: Any, path: str, before: Contents | None) -> Iterator[tuple[str, int]]:
+def _parts(
+    value: Any, path: str, before: Contents | None
+) -> Iterator[tuple[str, int]]:
     text = type(value).__qualname__
     inner: Iterable[tuple[str, Any]] = ()
     if isinstance(value, np.ndarray):

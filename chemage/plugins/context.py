@@ -45,7 +45,9 @@ def preference() -> tuple[str, ...]:
     names = _prefer.get()
     if names is not None:
         return names
-    return tuple(filter(None, map(str.strip, os.environ.get(PREFER, "").split(","))))
+    return tuple(
+        filter(None, map(str.strip, os.environ.get(PREFER, "").split(",")))
+    )
 
 
 @contextmanager
@@ -79,7 +81,9 @@ Check = Callable[[Any, str], None]
 _noted: ContextVar[TakingPart | None] = ContextVar(
     "chemage_plugins_taking_part", default=None
 )
-_check: ContextVar[Check | None] = ContextVar("chemage_check_of_answers", default=None)
+_check: ContextVar[Check | None] = ContextVar(
+    "chemage_check_of_answers", default=None
+)
 
 
 @contextmanager

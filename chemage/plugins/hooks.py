@@ -15,7 +15,14 @@ numbers that its :meth:`Stage.estimate` stated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Collection,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -199,7 +206,9 @@ class Stage(Owned):
     @property
     def entries(self) -> dict[str, Beside]:
         """``beside`` by path in a scene."""
-        return {f"{self.section}.{name}": entry for name, entry in self.beside.items()}
+        return {
+            f"{self.section}.{name}": entry for name, entry in self.beside.items()
+        }
 
     @property
     def changes(self) -> bool:
@@ -253,7 +262,9 @@ class Stage(Owned):
             options = value.model_dump(mode="json", exclude_none=True)
         else:
             options = dict(value)
-        data = {name: options_of(parts[name]) for name in self.parts if name in parts}
+        data = {
+            name: options_of(parts[name]) for name in self.parts if name in parts
+        }
         own = {name: options[name] for name in options if name not in self.parts}
         beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
         return {**data, self.section: own | beside}
@@ -272,7 +283,9 @@ class Stage(Owned):
         if self.always_in_key:
             return [sections.get(name) for name in self.roles]
         return (
-            [{self.section: sections[self.section]}] if self.section in sections else []
+            [{self.section: sections[self.section]}]
+            if self.section in sections
+            else []
         )
 
     def key_ends(self, parts: Parts) -> Fields:
@@ -304,7 +317,9 @@ class Stage(Owned):
         """What to warn of; raises InputError for what the run would refuse."""
         yield from ()
 
-    def doubts_of_sweep(self, parts: Parts, varied: Collection[str]) -> Iterator[Doubt]:
+    def doubts_of_sweep(
+        self, parts: Parts, varied: Collection[str]
+    ) -> Iterator[Doubt]:
         """What to warn of where the fields ``varied`` (dotted paths) vary from scene to scene."""
         yield from ()
 
@@ -341,7 +356,9 @@ def in_order(stages: Iterable[Stage]) -> list[Stage]:
             yield makers[name]
             others = changers.get(name, [])
             yield from (
-                others[: others.index(stage.section)] if stage.makes == name else others
+                others[: others.index(stage.section)]
+                if stage.makes == name
+                else others
             )
 
     def add(stage: Stage, above: tuple[str, ...] = ()) -> None:

@@ -97,7 +97,8 @@ def installed(group: str) -> list[metadata.EntryPoint]:
         path=[folder for folder in sys.path if folder]
     ):
         distributions.setdefault(
-            str(distribution.metadata["Name"]).lower().replace("_", "-"), distribution
+            str(distribution.metadata["Name"]).lower().replace("_", "-"),
+            distribution,
         )
     return [
         point
@@ -189,7 +190,9 @@ def versions(libraries: Any) -> dict[str, str]:
 
 def add_specifications(manager: pluggy.PluginManager, room: Any) -> None:
     """Add the hooks that a room specifies, if it does."""
-    if any(getattr(function, "chemage_spec", None) for function in vars(room).values()):
+    if any(
+        getattr(function, "chemage_spec", None) for function in vars(room).values()
+    ):
         manager.add_hookspecs(room)
 
 
@@ -215,14 +218,18 @@ def checked_stages(
             raise PluginError(f"STAGES: {stage!r} is no chemage.plugin.Stage")
         where = f"STAGES: [{stage.section}]:"
         if stage.section in sections or not stage.section.isidentifier():
-            raise PluginError(f"{where} this name is taken, or none; choose another")
+            raise PluginError(
+                f"{where} this name is taken, or none; choose another"
+            )
         sections.add(stage.section)
         if stage.role and stage.role not in {**roles, **own}:
             raise PluginError(
                 f"{where} there is no role {stage.role!r}; declare it in ROLES"
             )
         if unknown := [
-            name for name in (*stage.takes, stage.makes) if name and name not in made
+            name
+            for name in (*stage.takes, stage.makes)
+            if name and name not in made
         ]:
             raise PluginError(
                 f"{where} nothing makes {unknown[0]!r}; there are {', '.join(sorted(made))}"
@@ -286,7 +293,9 @@ def checked_targets(where: str, targets: Any) -> dict[str, str]:
     return dict(targets)
 
 
-def checked_kinds(offer: Any, roles: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def checked_kinds(
+    offer: Any, roles: Mapping[str, str]
+) -> dict[str, dict[str, str]]:
     """What ``chemage_register`` of a plugin gave, which must be kinds of the ``roles``."""
     if not isinstance(offer, Mapping):
         raise PluginError(
@@ -308,7 +317,9 @@ def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
     target = record.kinds[name][kind]
     where = f"{name} {kind!r} of plugin {record.name!r} ({record.source})"
     if not (isinstance(cls, type) and issubclass(cls, role)):
-        raise PluginError(f"{where}: {target} is not a chemage.plugin.{role.__name__}")
+        raise PluginError(
+            f"{where}: {target} is not a chemage.plugin.{role.__name__}"
+        )
     if cls.kind != kind:  # pyright: ignore[reportAttributeAccessIssue]
         raise PluginError(
             f"{where}: the class calls itself {cls.kind!r}; set kind = {kind!r}"
@@ -319,7 +330,9 @@ def checked_class(cls: Any, role: type, kind: str, record: PluginRecord) -> Any:
         )
     # an option hides the method of its name
     if hidden := [
-        option for option in cls.model_fields if callable(getattr(role, option, None))
+        option
+        for option in cls.model_fields
+        if callable(getattr(role, option, None))
     ]:  # pyright: ignore[reportAttributeAccessIssue]
         raise PluginError(
             f"{where}: the option {hidden[0]!r} has the name of a method of its role; rename it"

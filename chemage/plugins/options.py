@@ -130,7 +130,9 @@ def joined(
     for name, options in inner.items():
         # two classes: the plugin was imported again in between
         same = name in together and type(together[name]) is type(options)
-        together[name] = together[name].replace(**_set(options)) if same else options
+        together[name] = (
+            together[name].replace(**_set(options)) if same else options
+        )
     return together
 
 

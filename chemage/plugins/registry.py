@@ -75,7 +75,13 @@ from chemage.plugins.loading import (
 if TYPE_CHECKING:
     from chemage.foundation.outputs import Block
 
-__all__ = ["PluginRecord", "PluginWarning", "Registry", "scene_text", "source_version"]
+__all__ = [
+    "PluginRecord",
+    "PluginWarning",
+    "Registry",
+    "scene_text",
+    "source_version",
+]
 
 GROUP = "chemage"
 #: modules in which the rooms of chemage declare roles (``ROLES``), stages (``STAGES``), hooks, answers (``ANSWERS``)
@@ -112,7 +118,9 @@ class Registry:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
             self.manager.add_hookcall_monitoring(trace_before, trace_after)
         self.records: list[PluginRecord] = []
-        self.roles: dict[str, str] = {}  # role -> "module:Class" of its abstract class
+        self.roles: dict[
+            str, str
+        ] = {}  # role -> "module:Class" of its abstract class
         self.rooms: list[Any] = []  # modules that declare roles, stages and hooks
         self.owners: dict[
             str, PluginRecord
@@ -122,9 +130,13 @@ class Registry:
         self._classes: dict[tuple[str, str, str], type] = {}
         for name in ROOMS:
             self.add_room(importlib.import_module(name))
-        points = selected(installed(GROUP)) if entry_points is None else entry_points
+        points = (
+            selected(installed(GROUP)) if entry_points is None else entry_points
+        )
         # by name: the order never depends on the file system; pluggy asks those first that were registered last
-        for point in sorted(points, key=lambda p: (is_own(p), p.name), reverse=True):
+        for point in sorted(
+            points, key=lambda p: (is_own(p), p.name), reverse=True
+        ):
             self._load(point)
         self.records.sort(
             key=lambda record: (
@@ -154,7 +166,9 @@ class Registry:
         """What the rooms declare of their stages, each after those that it rests on."""
         if self._stages is None:
             self._stages = in_order(
-                stage for room in self.rooms for stage in getattr(room, "STAGES", ())
+                stage
+                for room in self.rooms
+                for stage in getattr(room, "STAGES", ())
             )
         return self._stages
 
@@ -232,7 +246,9 @@ class Registry:
                 f"made for plugin interface {api}, this chemage has {hooks.API_VERSION}"
             )
         record.libraries = versions(getattr(plugin, "CHEMAGE_LIBRARIES", ()))
-        record.options = checked_options(getattr(plugin, "CHEMAGE_OPTIONS", ""), record)
+        record.options = checked_options(
+            getattr(plugin, "CHEMAGE_OPTIONS", ""), record
+        )
         name = full_name(record)
         if self.manager.has_plugin(name) or self.manager.is_registered(plugin):
             raise PluginError(f"{record.module} is registered twice")
@@ -272,7 +288,9 @@ class Registry:
                         record_participation(impl, hook, record, self.source_in_use)
 
     def _hook_names(self) -> list[str]:
-        return [name for name in dir(self.manager.hook) if name.startswith("chemage_")]
+        return [
+            name for name in dir(self.manager.hook) if name.startswith("chemage_")
+        ]
 
     # -- stages -------------------------------------------------------------------------------------------------------
 
@@ -291,14 +309,18 @@ class Registry:
             recording,
         )  # imports numpy, which the command line can do without
 
-        stage = next((stage for stage in self.stages() if hook in stage.hooks), None)
+        stage = next(
+            (stage for stage in self.stages() if hook in stage.hooks), None
+        )
 
         self.check_preference(context.preference(), "the preference of plugins")
 
         def check(answer: Any, who: str) -> None:
             # without a plugin, the method of a component answers
             parts = () if who else arguments.values()
-            component = next((one for one in parts if getattr(one, "role", "")), None)
+            component = next(
+                (one for one in parts if getattr(one, "role", "")), None
+            )
             there = recorded.keys() | getattr(answer, "observables", {}).keys()
             problem = ""
             if missing := getattr(component, "outputs", {}).keys() - there:
@@ -321,7 +343,9 @@ class Registry:
         if component is None:
             return "chemage"
         cls = type(component)
-        return f"{component.role} {component.kind!r} of {self.owner(cls) or 'chemage'}"
+        return (
+            f"{component.role} {component.kind!r} of {self.owner(cls) or 'chemage'}"
+        )
 
     def owner(self, code: Any) -> str:
         """The plugin that a class or a function is from, in words; "" for chemage's own."""
@@ -340,7 +364,9 @@ class Registry:
             return ""
         if record is not None and record.component is None:
             return f"plugin {record.name!r} ({record.source})"
-        return f"{code.__module__}.{code.__qualname__} {source_version(code)}".strip()
+        return (
+            f"{code.__module__}.{code.__qualname__} {source_version(code)}".strip()
+        )
 
     def check_preference(self, names: Iterable[str], where: str) -> None:
         """Raise an InputError if one of these plugins, named in ``where``, is not in use."""
@@ -379,7 +405,8 @@ class Registry:
             for record, _ in self.functions(hook)
         }
         return {
-            name: self.source_in_use(record) for name, record in sorted(records.items())
+            name: self.source_in_use(record)
+            for name, record in sorted(records.items())
         }
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
@@ -395,7 +422,9 @@ class Registry:
     def implementation(self, name: str) -> Any:
         """The module or object with the hooks of the plugin ``name``."""
         return self.manager.get_plugin(
-            next(full_name(record) for record in self.records if record.name == name)
+            next(
+                full_name(record) for record in self.records if record.name == name
+            )
         )
 
     def state(self) -> str:
@@ -403,7 +432,8 @@ class Registry:
         return short_hash(
             "\n".join(
                 sorted(
-                    f"{each.name} {each.source} {each.error}" for each in self.records
+                    f"{each.name} {each.source} {each.error}"
+                    for each in self.records
                 )
             ),
             8,
@@ -423,7 +453,8 @@ class Registry:
             return record.source
         try:
             options = (
-                context.options().get(record.name) or self.options_class(record.name)()
+                context.options().get(record.name)
+                or self.options_class(record.name)()
             )
         except (PluginError, InputError):
             return record.source  # a hook that reads them raises this error
@@ -461,7 +492,9 @@ class Registry:
                 f"{where}: {record.options} is not a chemage.plugin.PluginOptions"
             )
         if required := [
-            option for option, info in cls.model_fields.items() if info.is_required()
+            option
+            for option, info in cls.model_fields.items()
+            if info.is_required()
         ]:
             raise PluginError(
                 f"{where}: {', '.join(required)} must have a default, for scenes that do not set it"
@@ -514,7 +547,9 @@ class Registry:
         """The plugins that have ``kind``, qualified or not."""
         return [record for record in self.records if record.own_kind(role, kind)]
 
-    def first(self, offers: Iterable[PluginRecord]) -> tuple[list[PluginRecord], str]:
+    def first(
+        self, offers: Iterable[PluginRecord]
+    ) -> tuple[list[PluginRecord], str]:
         """Those of the plugins that come first where any of them will do, and why: the preferred one, else chemage's
         own, so that no result changes when a plugin is installed; else all.
 
@@ -576,12 +611,14 @@ class Registry:
         """A sentence for each kind, scene and name of a plugin that is claimed more than once, so that no spelling
         selects one."""
         qualified = dict.fromkeys(
-            (role, f"{record.owner}:{kind}") for record, role, kind in self._offered()
+            (role, f"{record.owner}:{kind}")
+            for record, role, kind in self._offered()
         )
         claims = [(*claim, self.offers(*claim)) for claim in qualified]
         for what, one in hooks.OFFERED.items():
             claims += [
-                (one, name, self._offering(what, name)) for name in self.offered(what)
+                (one, name, self._offering(what, name))
+                for name in self.offered(what)
             ]
         called = {
             record.name: [each for each in self.records if each.name == record.name]
@@ -632,7 +669,9 @@ class Registry:
         if not isinstance(fields, Mapping) or not all(
             isinstance(name, str) for name in fields
         ):
-            raise InputError.of("fields", fields, "is not a table of options by name")
+            raise InputError.of(
+                "fields", fields, "is not a table of options by name"
+            )
         options = dict(fields)
         if "kind" not in options:
             raise InputError(
@@ -658,7 +697,9 @@ class Registry:
 
     def _offering(self, what: str, name: str) -> list[PluginRecord]:
         return [
-            record for record in self.records if name in record.offered.get(what, {})
+            record
+            for record in self.records
+            if name in record.offered.get(what, {})
         ]
 
     def target(self, what: str, name: str) -> tuple[PluginRecord, str]:
@@ -714,7 +755,9 @@ class Registry:
         said += self._shared_kinds()
         records = self._by_full_name()
         for name in self.stage_hooks():
-            ordered = self._in_order(getattr(self.manager.hook, name).get_hookimpls())
+            ordered = self._in_order(
+                getattr(self.manager.hook, name).get_hookimpls()
+            )
             for wraps, verb, wins in (
                 (False, "answer", "is asked first"),
                 (True, "wrap", "has the last word"),
@@ -799,7 +842,9 @@ def stages() -> list[Stage]:
 def named(name: str) -> Any:
     """What a plugin brings to ``chemage`` under this name; AttributeError if none does."""
     with _discovery:
-        known = {} if _finding or name.startswith("_") else current().offered("names")
+        known = (
+            {} if _finding or name.startswith("_") else current().offered("names")
+        )
     if name not in known:
         raise AttributeError(f"module 'chemage' has no attribute {name!r}")
     return names.load(name, current().target("names", name)[1])

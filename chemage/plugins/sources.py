@@ -40,11 +40,15 @@ def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
         path, value = ahead.pop()
         if isinstance(value, Component):
             found.append((path, value))
-            value = {name: getattr(value, name) for name in type(value).model_fields}
+            value = {
+                name: getattr(value, name) for name in type(value).model_fields
+            }
         elif isinstance(value, list | tuple):
             value = dict(enumerate(value))
         if isinstance(value, Mapping) and value:
-            ahead += [(f"{path}.{name}", value[name]) for name in reversed([*value])]
+            ahead += [
+                (f"{path}.{name}", value[name]) for name in reversed([*value])
+            ]
     return found
 
 
@@ -84,7 +88,9 @@ def noted(record: R, block: Block, took_part: TakingPart, *components: Any) -> R
     parts = components_in(*components)
     approximate = [entry for part in parts for entry in approximation_made_by(part)]
     plugins = _providers(parts) | took_part.plugins
-    return record.noting(plugins, approximate, kept(record, block), took_part.changes)
+    return record.noting(
+        plugins, approximate, kept(record, block), took_part.changes
+    )
 
 
 def approximation_of(role: str, kind: str) -> list[Data]:
@@ -141,12 +147,17 @@ def run_stage(stage: Stage, inputs: StageInputs) -> Any:
     return made.model_copy(update={"provenance": {**made.provenance, **said}})
 
 
-def changed(recorded: Plugins, *, options: bool = True) -> dict[str, tuple[str, str]]:
+def changed(
+    recorded: Plugins, *, options: bool = True
+) -> dict[str, tuple[str, str]]:
     """Of the plugins recorded with a result, those that are not in use in that version: name -> (then, now).
 
     A plugin with other options counts as well, unless ``options`` is False.
     """
-    plugins, shown = current(), (lambda source: source) if options else without_options
+    plugins, shown = (
+        current(),
+        (lambda source: source) if options else without_options,
+    )
     now = {name: plugins.source(name) or "not installed" for name in recorded}
     return {
         name: (source, now[name])
@@ -181,7 +192,9 @@ def would_change(
     manager = pluggy.PluginManager("chemage")
     for room in plugins.rooms:
         add_specifications(manager, room)
-    answering = type("Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)})
+    answering = type(
+        "Given", (), {hook: hookimpl(trylast=True)(lambda self: answer)}
+    )
     manager.register(answering(), "given")
     for name in names:
         manager.register(plugins.implementation(name), name)

@@ -166,7 +166,9 @@ class _Curve:
         """(replicas, m): means with each replica left out in turn; (1, m), the mean itself, for a single one."""
         r = len(self.values)
         return (
-            self.values if r < 2 else (self.values.sum(axis=0) - self.values) / (r - 1)
+            self.values
+            if r < 2
+            else (self.values.sum(axis=0) - self.values) / (r - 1)
         )
 
 
@@ -212,7 +214,9 @@ def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
 
 def _curve(aging: Aging, quantity: Level) -> _Curve:
     if quantity == "bonds_per_site":
-        values = aging.bonds / np.where(aging.sites > 0, aging.sites, np.nan)[:, None]
+        values = (
+            aging.bonds / np.where(aging.sites > 0, aging.sites, np.nan)[:, None]
+        )
     else:
         values = (
             aging.friction_drop
@@ -332,7 +336,9 @@ def _line(
     counts = [len(logs_of_one) for logs_of_one in left_out]
     errors = np.array(
         [
-            float(jackknife_error(logs_of_one)) if len(logs_of_one) > 1 else math.nan
+            float(jackknife_error(logs_of_one))
+            if len(logs_of_one) > 1
+            else math.nan
             for logs_of_one in left_out
         ]
     )
@@ -348,7 +354,9 @@ def _line(
     if min(counts) < 2:
         share = weight / weight.sum()
         freedom = x.size - 2.0
-        error = np.sqrt(share @ residual**2 / freedom * (rows**2 / share).sum(axis=1))
+        error = np.sqrt(
+            share @ residual**2 / freedom * (rows**2 / share).sum(axis=1)
+        )
         words = f"Student's t, scatter about the line, {x.size} temperatures"
     elif len(set(counts)) == 1:
         error = _jackknife(x, weight, logs, left_out, weighted, range(x.size))
@@ -363,7 +371,9 @@ def _line(
         ]
         error = np.sqrt(np.sum(parts, axis=0))
         freedom = np.array(counts)[np.argmax(parts, axis=0)] - 1.0
-        words = f"Student's t, jackknife over {min(counts)} to {max(counts)} replicas"
+        words = (
+            f"Student's t, jackknife over {min(counts)} to {max(counts)} replicas"
+        )
     half = error * student_limits(np.broadcast_to(freedom, 2), confidence)
     finite = bool(np.isfinite(half).all())
     return ActivationEnergy(
@@ -454,7 +464,9 @@ def _of_cutoff(
             result, "friction_drop"
         )  # of which the cut-off time is that of Δμ
         use = within(curve.times, window)
-        if fit is None or not (math.isfinite(fit.cutoff_time) and fit.cutoff_time > 0):
+        if fit is None or not (
+            math.isfinite(fit.cutoff_time) and fit.cutoff_time > 0
+        ):
             continue
         kelvins.append(curve.temperature)
         logs.append(math.log(fit.cutoff_time))
@@ -538,7 +550,9 @@ def arrhenius(
             "confidence", confidence, "must lie between 0 and 1", "give 0.95, say"
         )
     curves = [_curve(aging, chosen) for aging in agings]
-    asked = _default(curves) if levels is None else _given(levels, UNIT.get(chosen, ""))
+    asked = (
+        _default(curves) if levels is None else _given(levels, UNIT.get(chosen, ""))
+    )
     energies = [_at_level(level, curves, confidence) for level in asked]
     if levels is None:
         energies = [energy for energy in energies if math.isfinite(energy.energy)]
@@ -549,11 +563,15 @@ def arrhenius(
     first, last = window or limits
     span = convert(first, "s"), convert(last, "s")
     fits = tuple(_fit(aging, chosen, span) for aging in agings)
-    notes += dict.fromkeys(fit.doubt for fit in fits if fit is not None and fit.doubt)
+    notes += dict.fromkeys(
+        fit.doubt for fit in fits if fit is not None and fit.doubt
+    )
     if (cutoff := _of_cutoff(agings, fits, span, confidence)) is not None:
         energies.append(cutoff)
     kelvins = np.array([curve.temperature for curve in curves])
-    return Arrhenius(chosen, kelvins, fits, tuple(energies), tuple(notes), confidence)
+    return Arrhenius(
+        chosen, kelvins, fits, tuple(energies), tuple(notes), confidence
+    )
 
 
 def _collected(
@@ -567,7 +585,9 @@ def _collected(
         fit = points[0].scene().fit
         return [point.aging() for point in points], notes, (fit.start, fit.stop)
     if where:
-        raise InputError("where: chooses points of a sweep; give a sweep or its folder")
+        raise InputError(
+            "where: chooses points of a sweep; give a sweep or its folder"
+        )
     if is_result(results) or not isinstance(results, Iterable):
         results = [results]
     agings, windows = [], []
@@ -639,7 +659,9 @@ class ArrheniusDisplay(Result):
         return self.energies.todict()
 
     def notes(self) -> list[str]:
-        intervals = dict.fromkeys(energy.intervals for energy in self.energies.energies)
+        intervals = dict.fromkeys(
+            energy.intervals for energy in self.energies.energies
+        )
         words = [
             f"intervals: {text}; scatter between surfaces is not included"
             for text in intervals
@@ -666,7 +688,13 @@ class ArrheniusDisplay(Result):
                     f"{energy.temperatures.size} ({first:g} to {last:g})",
                 )
             )
-        columns = ("T (K)", "β per decade", "b per e-fold", "β/T (1/K)", "cut-off time")
+        columns = (
+            "T (K)",
+            "β per decade",
+            "b per e-fold",
+            "β/T (1/K)",
+            "cut-off time",
+        )
         levels = (
             "time at which",
             "activation energy",
@@ -716,7 +744,12 @@ class ArrheniusDisplay(Result):
             line = np.linspace(x.min(), x.max(), 50)
             label = plain(f"{self.energies.label(energy)}: {energy.energy:.3g} eV")
             axes.plot(
-                line, energy(1e3 / line), color=color, lw=1.2, ls=dashes, label=label
+                line,
+                energy(1e3 / line),
+                color=color,
+                lw=1.2,
+                ls=dashes,
+                label=label,
             )
         axes.set(yscale="log", xlabel="1000 K / T", ylabel="hold time (s)")
         if energies:
@@ -734,7 +767,9 @@ class ArrheniusDisplay(Result):
 
     @property
     def _levels(self) -> list[ActivationEnergy]:
-        return [energy for energy in self.energies.energies if energy.level is not None]
+        return [
+            energy for energy in self.energies.energies if energy.level is not None
+        ]
 
     def _draw_energies(self, axes: Axes, medium: Medium) -> None:
         result, levels = self.energies, self._levels
@@ -742,7 +777,12 @@ class ArrheniusDisplay(Result):
         ends = np.array([energy.energy_interval for energy in levels])
         bars = np.nan_to_num(np.abs(ends - energies[:, None])).T
         values = [energy.level or 0.0 for energy in levels]
-        style: dict[str, Any] = {"ms": 4, "capsize": 3, "lw": 1, "color": PALETTE[0]}
+        style: dict[str, Any] = {
+            "ms": 4,
+            "capsize": 3,
+            "lw": 1,
+            "color": PALETTE[0],
+        }
         axes.errorbar(values, energies, yerr=bars, fmt="o-", **style)
         axes.set(
             xlabel=headed(SYMBOLS[result.quantity], result.unit),

@@ -22,7 +22,14 @@ from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, printable
 from chemage.foundation.figures import plain
-from chemage.foundation.quantities import NONE, Curve, Quantity, Rank, by_name, headed
+from chemage.foundation.quantities import (
+    NONE,
+    Curve,
+    Quantity,
+    Rank,
+    by_name,
+    headed,
+)
 from chemage.foundation.result import TIMES, Ageing, Result, Table, result_of
 from chemage.foundation.text import csv_text, jsonable
 from chemage.foundation.units import QuantityLike, convert
@@ -103,7 +110,9 @@ class Entry:
     @property
     def legend_name(self) -> str:
         """The name, marked where the result is approximate, as a matplotlib label."""
-        return plain(f"{self.name} (approximate)" if self.approximation else self.name)
+        return plain(
+            f"{self.name} (approximate)" if self.approximation else self.name
+        )
 
     @property
     def ages(self) -> bool:
@@ -161,7 +170,8 @@ class Entry:
             if name not in (*_CHEMICAL, "name", "title", "observe")
         }
         limits = {
-            name: self.scene.get("chemistry", {}).get(name) for name in Chemistry.limits
+            name: self.scene.get("chemistry", {}).get(name)
+            for name in Chemistry.limits
         }
         return {
             path: value
@@ -245,14 +255,18 @@ class Comparison:
                 label = moment
                 texts = [NONE if one is None else one.text() for one in several]
             if any(
-                one is not None and one.rank < Rank.REST and (one.known or one.reason)
+                one is not None
+                and one.rank < Rank.REST
+                and (one.known or one.reason)
                 for one in several
             ):
                 rows.append((label, texts))
             causes = _joined(one.errors for one in several if one is not None)
             for cause in causes:
                 parts = [
-                    {} if one is None else {name: size for name, size, _ in one.parts()}
+                    {}
+                    if one is None
+                    else {name: size for name, size, _ in one.parts()}
                     for one in several
                 ]
                 rows.append(
@@ -274,7 +288,8 @@ class Comparison:
             )
         if any(result.plugins for result in self.results):
             texts = [
-                ", ".join(result.plugins.values()) or NONE for result in self.results
+                ", ".join(result.plugins.values()) or NONE
+                for result in self.results
             ]
             rows.append(("plugins that took part", texts))
         return rows
@@ -299,7 +314,11 @@ class Comparison:
     def _curve_names(self) -> list[str]:
         """The curves against hold time of any result."""
         return _joined(
-            [name for name, curve in result.curves.items() if not curve.is_distribution]
+            [
+                name
+                for name, curve in result.curves.items()
+                if not curve.is_distribution
+            ]
             for result in self.results
         )
 
@@ -323,7 +342,9 @@ class Comparison:
             for name in names:
                 one = result.at(name, time)
                 (like, *_) = [
-                    each.curves[name] for each in self.results if name in each.curves
+                    each.curves[name]
+                    for each in self.results
+                    if name in each.curves
                 ]
                 moment |= (
                     dict.fromkeys(like.numbers()) if one is None else one.numbers()
@@ -406,12 +427,24 @@ class Comparison:
             )
             tables += [each.table() for each in verdicts if each.values.size]
         if fits := self.fits():
-            columns = ("data", "model", "β per decade", "b per e-fold", "cut-off time")
+            columns = (
+                "data",
+                "model",
+                "β per decade",
+                "b per e-fold",
+                "cut-off time",
+            )
             rows = [(name, fit.describe(), *fit.texts()) for name, fit in fits]
-            tables.append(Table("Fits, 95 % intervals", columns, rows, in_detail=False))
+            tables.append(
+                Table("Fits, 95 % intervals", columns, rows, in_detail=False)
+            )
         if left_out := self.not_fitted():
             tables.append(
-                Table("Fits that cannot be made", ("data", "model", "reason"), left_out)
+                Table(
+                    "Fits that cannot be made",
+                    ("data", "model", "reason"),
+                    left_out,
+                )
             )
         return tables
 
@@ -425,7 +458,9 @@ class Comparison:
 
     def fits(self) -> list[tuple[str, Fit]]:
         """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""
-        return [(name, fit) for name, _, fit in self._fits() if isinstance(fit, Fit)]
+        return [
+            (name, fit) for name, _, fit in self._fits() if isinstance(fit, Fit)
+        ]
 
     def not_fitted(self) -> list[tuple[str, str, str]]:
         """The fits of :meth:`fits` that cannot be made: (name, model in words, reason)."""
@@ -446,7 +481,10 @@ class Comparison:
                 if isinstance(fit, str):
                     continue
                 positive = data.hold_times[data.hold_times > 0]
-                window = fit.window or (float(positive.min()), float(positive.max()))
+                window = fit.window or (
+                    float(positive.min()),
+                    float(positive.max()),
+                )
                 for result in self.results:
                     if result.ageing.fit is not None:
                         yield (

@@ -101,7 +101,9 @@ class _PlannedFigure(NamedTuple):
             _warn(f"{what}: it cannot be drawn: {in_words(error)}")
             return None
         return (
-            figure if any(one.has_data() or one.texts for one in figure.axes) else None
+            figure
+            if any(one.has_data() or one.texts for one in figure.axes)
+            else None
         )
 
 
@@ -213,7 +215,9 @@ _UNNAMED = "_"
 _SIZE = (4.9, 3.6)
 #: of a figure in which errors have several meanings
 _BARS = " Bands are intervals of means over surfaces, bars of means over replicas on one surface."
-_EXPECTED = 'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 200 800"'
+_EXPECTED = (
+    'give its edges "X0 X1 Y0 Y1" in nm, or with units, such as "0 1um 200 800"'
+)
 #: map -> its name in words, how blocks of pixels are joined, colours
 _MAPS = {
     "surface/heights": ("height", np.mean, "cividis"),
@@ -222,7 +226,9 @@ _MAPS = {
 }
 
 
-def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, Figure]:
+def figures(
+    thing: Any, panels: Sequence[str] = (), **choice: Any
+) -> dict[str, Figure]:
     """Draw every figure of a result of any kind, those of plugins last: name -> figure, as ``chemage plot`` does.
 
     ``panels``: only these panels, each alone. ``choice``: what of a sweep is drawn, see
@@ -233,7 +239,9 @@ def figures(thing: Any, panels: Sequence[str] = (), **choice: Any) -> dict[str, 
     if panels:
         return _drawn(single_panels(pictures, panels))
     brought = brought_figures([Entry.of(result)], (5.4, 4.0))
-    return _drawn(pictures) | {name: figure for name, (figure, _) in brought.items()}
+    return _drawn(pictures) | {
+        name: figure for name, (figure, _) in brought.items()
+    }
 
 
 def comparison_figures(comparison: Comparison) -> dict[str, Figure]:
@@ -255,7 +263,9 @@ def curve_pictures(comparison: Comparison) -> dict[str, Picture]:
     curves: dict[str, list[tuple[Entry, Curve]]] = {}
     several = len(comparison.results) > 1 or comparison.measured
     for entry in comparison.results:
-        for name, curve in sorted(entry.curves.items(), key=lambda item: item[1].rank):
+        for name, curve in sorted(
+            entry.curves.items(), key=lambda item: item[1].rank
+        ):
             if curve.rank < Rank.REST and (several or curve.alone):
                 curves.setdefault(name, []).append((entry, curve))
     return {
@@ -301,16 +311,24 @@ def _panel(
 
 
 def _draw_curves(
-    axes: Axes, comparison: Comparison, name: str, curves: Sequence[tuple[Entry, Curve]]
+    axes: Axes,
+    comparison: Comparison,
+    name: str,
+    curves: Sequence[tuple[Entry, Curve]],
 ) -> str:
     """Draw the curves; return the title of their legend, which says what is common to all."""
     alone, few = len(comparison.results) == 1, len(comparison.results) <= _FITTED
     measured = _measurements(comparison, name)
-    words, common = _fit_words(comparison, name, measured) if not alone else ({}, "")
+    words, common = (
+        _fit_words(comparison, name, measured) if not alone else ({}, "")
+    )
     styles = {}
     for number, entry in enumerate(comparison.results):
         marker = _MARKERS[number % len(_MARKERS)]
-        styles[entry.name] = {"color": PALETTE[number % len(PALETTE)], "marker": marker}
+        styles[entry.name] = {
+            "color": PALETTE[number % len(PALETTE)],
+            "marker": marker,
+        }
     last = [
         _draw_curve(
             axes,
@@ -333,9 +351,12 @@ def _draw_curves(
             # the legend has its β with the curve
             color = styles[entry.name]["color"]
             darker = "#" + "".join(
-                f"{round(0.6 * int(color[at : at + 2], 16)):02X}" for at in (1, 3, 5)
+                f"{round(0.6 * int(color[at : at + 2], 16)):02X}"
+                for at in (1, 3, 5)
             )
-            entry.ageing.draw_fit(axes, *(("", "") if alone else (_UNNAMED, darker)))
+            entry.ageing.draw_fit(
+                axes, *(("", "") if alone else (_UNNAMED, darker))
+            )
     _draw_measurements(axes, measured, words)
     positive = [value for value in last if value > 0]
     if positive and max(positive) > 10 * min(positive):
@@ -586,12 +607,24 @@ def _part(
 ) -> tuple[np.ndarray, tuple[float, float, float, float]]:
     """The pixels that the window touches, and what they cover: x0, x1, y0, y1, nm."""
     size, parts = stored.pixel_size, []
-    for low, high, pixels in zip(edges[::2], edges[1::2], stored.shape, strict=True):
+    for low, high, pixels in zip(
+        edges[::2], edges[1::2], stored.shape, strict=True
+    ):
         if not (0 <= low < high <= pixels * size * (1 + 1e-9)):
             sides = " x ".join(f"{side * size:g}" for side in stored.shape)
             raise InputError.of(
-                "window", window, f"must lie within the map of {sides} nm", _EXPECTED
+                "window",
+                window,
+                f"must lie within the map of {sides} nm",
+                _EXPECTED,
             )
-        parts.append(slice(math.floor(low / size), min(math.ceil(high / size), pixels)))
+        parts.append(
+            slice(math.floor(low / size), min(math.ceil(high / size), pixels))
+        )
     x, y = parts
-    return stored[x, y], (x.start * size, x.stop * size, y.start * size, y.stop * size)
+    return stored[x, y], (
+        x.start * size,
+        x.stop * size,
+        y.start * size,
+        y.stop * size,
+    )

@@ -43,7 +43,9 @@ def _groups() -> dict[str, str]:
     return registry.current().offered("results") | GROUPS
 
 
-def write(path: str | os.PathLike[str], result: Any, *, force: bool = False) -> None:
+def write(
+    path: str | os.PathLike[str], result: Any, *, force: bool = False
+) -> None:
     """Write a chemage object, or a finished run, to an HDF5 file.
 
     Raises
@@ -149,7 +151,8 @@ class StoredMap:
                 "give two slices, such as [0:512, 0:512]",
             )
         (first, last, every), (left, right, step) = (
-            axis.indices(length) for axis, length in zip(part, self.shape, strict=True)
+            axis.indices(length)
+            for axis, length in zip(part, self.shape, strict=True)
         )
         values = np.empty(
             (len(range(first, last, every)), len(range(left, right, step))),
@@ -193,7 +196,9 @@ def open_maps(path: str | os.PathLike[str]) -> Iterator[Mapping[str, StoredMap]]
             name: StoredMap(
                 name,
                 file[name],
-                float(np.ravel(file[name.partition("/")[0]].attrs["pixel_size"])[0]),
+                float(
+                    np.ravel(file[name.partition("/")[0]].attrs["pixel_size"])[0]
+                ),
             )
             for name in MAPS
             if name in file

@@ -136,10 +136,14 @@ def html(comparison: Comparison) -> str:
     if several:
         title = f"Comparison of {len(comparison.results)} results"
     style, page = (
-        resources.files("chemage.results").joinpath(name).read_text(encoding="utf-8")
+        resources.files("chemage.results")
+        .joinpath(name)
+        .read_text(encoding="utf-8")
         for name in ("report.css", "page.html.j2")
     )
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined
+    )
     return environment.from_string(page).render(
         title=title,
         policy=_POLICY,
@@ -173,7 +177,10 @@ def _comparison(comparison: Comparison, name: str) -> PageSection:
                 rows.append(
                     (
                         path,
-                        *("none" if value is None else f"{value}" for value in values),
+                        *(
+                            "none" if value is None else f"{value}"
+                            for value in values
+                        ),
                     )
                 )
             if rows:
@@ -184,7 +191,9 @@ def _comparison(comparison: Comparison, name: str) -> PageSection:
     if several:
         every = [by_name(entry.first) for entry in comparison.results]
         numbers = dict.fromkeys(number for one in every for number in one)
-        columns = [in_a_row([one.get(number) for one in every]) for number in numbers]
+        columns = [
+            in_a_row([one.get(number) for one in every]) for number in numbers
+        ]
         rows = [
             (entry, *(texts[place] for _, texts in columns))
             for place, entry in enumerate(names)
@@ -220,7 +229,9 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
     )
     first = [picture for _, picture in headed[:1]]
     yield PagePart(
-        numbers=result.summary(), figures=first, notes=[*approximate, *result.notes()]
+        numbers=result.summary(),
+        figures=first,
+        notes=[*approximate, *result.notes()],
     )
     below = {heading: PagePart(heading) for heading, _ in headed[1:]}
     for heading, picture in headed[1:]:
@@ -301,9 +312,13 @@ def svg(figure: Figure, alt: str, key: str) -> str:
     text = data.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace("xlink:href=", "href=")
+    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text).replace(
+        "xlink:href=", "href="
+    )
     text = re.sub(r'\bid="', f'id="{key}-', text)
-    text = text.replace('href="#', f'href="#{key}-').replace("url(#", f"url(#{key}-")
+    text = text.replace('href="#', f'href="#{key}-').replace(
+        "url(#", f"url(#{key}-"
+    )
     text = text.replace("#000000", "currentColor")
     label = f'role="img" aria-label="{escape(alt, quote=True)}" fill="currentColor"'
     return f"<svg {label}" + text.removeprefix("<svg")

@@ -61,9 +61,7 @@ class Verdict:
         shifted = abs(offset) > 2 * offset_error
         factor = f"{plus_minus(slope, slope_error, '')} times the model"
         side = "above" if offset > 0 else "below"
-        shift = (
-            f"{plus_minus(abs(offset), offset_error, UNIT[self.quantity])} {side} it"
-        )
+        shift = f"{plus_minus(abs(offset), offset_error, UNIT[self.quantity])} {side} it"
         if scaled and shifted:
             return f"measured values are {factor} and {shift}"
         if scaled:
@@ -163,14 +161,18 @@ def verdict(
         array[inside] for array in (data.hold_times, data.values, model.mean)
     )
     stated = data.error is not None
-    own = np.full(times.size, math.nan) if data.error is None else data.error[inside]
+    own = (
+        np.full(times.size, math.nan) if data.error is None else data.error[inside]
+    )
     known, places = model.known[np.ix_(inside, inside)], model.places[inside]
     noise, chance, error = np.diag(own**2) + known, math.nan, None
     if model.samples and stated:
         error, chance = agreement(model.samples, model.curve, values, noise, places)
     elif model.samples:
         error = CurveError.of(model.samples, model.curve)
-    covariance = known if error is None else known + places @ error.matrix() @ places.T
+    covariance = (
+        known if error is None else known + places @ error.matrix() @ places.T
+    )
     model_errors = np.sqrt(np.diag(covariance))
     weight = 1 / np.hypot(own, model_errors) if stated else np.ones(times.size)
     design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
@@ -205,7 +207,9 @@ def verdict(
         chance = float(distribution.sf(chi2, times.size))
     found = replace(found, chi2=chi2, chance=chance)
     text = found.in_words(
-        float(distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1)))
+        float(
+            distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1))
+        )
     )
     if chance < AGREE and not covariance.any():
         text += "; the result has no error of its own, as a single replica has none: age several"
@@ -241,7 +245,9 @@ class _Model(NamedTuple):
         if not known.size:
             # of a curve without samples its interval is all that is known
             alone = curve.half_width.size and not len(curve.samples)
-            known = curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
+            known = (
+                curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
+            )
         # the errors that samples do not show are taken as one
         shared, mean = places @ np.nan_to_num(known[positive]), curve.mean[positive]
         samples = [values[:, positive] for values in curve.samples]
@@ -269,7 +275,11 @@ def _model(
         (data.load, ageing.load, "nN"),
         (data.temperature, kelvin, "K"),
     ):
-        if own is not None and theirs is not None and abs(own - theirs) > SAME * own:
+        if (
+            own is not None
+            and theirs is not None
+            and abs(own - theirs) > SAME * own
+        ):
             return f"measured at {own:g} {unit}, the result is at {theirs:g} {unit}"
     for quantity in (data.quantity, *UNIT):
         load = ageing.load if np.isfinite(ageing.load) else None

@@ -162,7 +162,9 @@ def _users_stub() -> str:
         _HEAD,
         *_imports({*USERS, *plugins.offered("names")} - set(factories.values())),
     ]
-    lines += [f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)]
+    lines += [
+        f"from chemage.{HOME[name]} import {name}\n" for name in sorted(returned)
+    ]
     for role, factory in factories.items():
         base = plugins.role(role).__name__
         kinds = plugins.kinds(role)
@@ -171,7 +173,9 @@ def _users_stub() -> str:
                 options = list(_options(plugins.component(role, kind)))
             except PluginError as error:
                 warnings.warn(
-                    f"not in the stubs: {error}", registry.PluginWarning, stacklevel=2
+                    f"not in the stubs: {error}",
+                    registry.PluginWarning,
+                    stacklevel=2,
                 )
                 continue
             arguments = f", *, {', '.join(options)}" if options else ""

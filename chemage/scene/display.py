@@ -18,7 +18,14 @@ from chemage.foundation.figures import BLACK, plain
 from chemage.foundation.names import __version__
 from chemage.foundation.ownership import in_words
 from chemage.foundation.quantities import NONE, Curve, Quantity
-from chemage.foundation.result import Ageing, Picture, Result, Rows, displays, result_of
+from chemage.foundation.result import (
+    Ageing,
+    Picture,
+    Result,
+    Rows,
+    displays,
+    result_of,
+)
 from chemage.plugins import registry
 from chemage.scene.provenance import scatter_of
 from chemage.scene.run import Run
@@ -48,7 +55,8 @@ def published(scene: Fields) -> list[PublishedRate]:
         try:
             for where, beta, source in function() or ():
                 if where and all(
-                    _same(_value(scene, path), value) for path, value in where.items()
+                    _same(_value(scene, path), value)
+                    for path, value in where.items()
                 ):
                     values.append(PublishedRate(float(beta), str(source)))
         except (Exception, SystemExit) as error:
@@ -159,7 +167,9 @@ class RunDisplay(Result):
             if section in scene
         ]
         facts += self.aging.facts()
-        facts += [(f"plugin {name}", source) for name, source in self.plugins.items()]
+        facts += [
+            (f"plugin {name}", source) for name, source in self.plugins.items()
+        ]
         facts += [
             (f"changed by {name}", ", ".join(changes))
             for name, changes in self.run.changes.items()
@@ -173,7 +183,10 @@ class RunDisplay(Result):
         ]
 
     def _stages(self) -> Rows:
-        return [("surface", self.contact.extent()), ("contact", self.contact.solved())]
+        return [
+            ("surface", self.contact.extent()),
+            ("contact", self.contact.solved()),
+        ]
 
     def quantities(self) -> list[Quantity]:
         aging = self.run.aging
@@ -185,7 +198,8 @@ class RunDisplay(Result):
 
     def _timings(self) -> str:
         return ", ".join(
-            f"{stage} {seconds:.2f} s" for stage, seconds in self.run.timings.items()
+            f"{stage} {seconds:.2f} s"
+            for stage, seconds in self.run.timings.items()
         )
 
     def numbers(self) -> Data:
@@ -232,7 +246,10 @@ class RunDisplay(Result):
     def provenance(self) -> Rows:
         run, scene = self.run, self.run.scene
         return [
-            ("seed of the surface", str(scene.get("surface", {}).get("seed", NONE))),
+            (
+                "seed of the surface",
+                str(scene.get("surface", {}).get("seed", NONE)),
+            ),
             (
                 "seed of disorder and kinetics",
                 str(scene.get("hold", {}).get("seed", NONE)),
@@ -244,7 +261,10 @@ class RunDisplay(Result):
                 for name, version in run.versions.items()
             ),
             *super().provenance(),
-            *((f"key of stage {stage}", value) for stage, value in run.keys.items()),
+            *(
+                (f"key of stage {stage}", value)
+                for stage, value in run.keys.items()
+            ),
             *(
                 (f"content hash of {name}", part.digest())
                 for name, part in run.parts().items()

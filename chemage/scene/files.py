@@ -114,7 +114,9 @@ class _Parser:
         if not self.problems:
             try:
                 return Scene(
-                    **{k: self.data[k] for k in ("name", "title") if k in self.data},
+                    **{
+                        k: self.data[k] for k in ("name", "title") if k in self.data
+                    },
                     **Scene.fields_of(self.parts),
                     plugins=self.options,
                     prefer=self.prefer,
@@ -159,7 +161,9 @@ class _Parser:
                 self.problems.append((stage.section, stage.required_with[1]))
         options = tables.pop(stage.section, None)
         beside = (
-            {} if options is None else {k: options.pop(k, None) for k in stage.beside}
+            {}
+            if options is None
+            else {k: options.pop(k, None) for k in stage.beside}
         )
         for name, table in tables.items():
             with self._noting(name, "kind"):
@@ -172,7 +176,9 @@ class _Parser:
             try:
                 self._set(path, stage.read_beside(name, value, self.parts))
             except ChemageError as error:
-                text = str(error).removeprefix(f"{name} = ").removeprefix(f"{name}: ")
+                text = (
+                    str(error).removeprefix(f"{name} = ").removeprefix(f"{name}: ")
+                )
                 self.problems.append((path, text))
 
     def _set(self, path: str, value: Any) -> None:
@@ -219,7 +225,9 @@ class _Parser:
             text = f"is a section of its own; write [{part}]"
             self.problems.append((f"{stage.section}.{part}", text))
             del options[part]
-        parts = {part: self.parts[part] for part in stage.parts if part in self.parts}
+        parts = {
+            part: self.parts[part] for part in stage.parts if part in self.parts
+        }
         for part in stage.parts:
             if part not in parts and model.model_fields[part].is_required():
                 return None
@@ -307,7 +315,10 @@ def _parsed(where: str | Path) -> tuple[Data, str, Path | None]:
         except StoreError as error:
             raise StoreError(f"{error}: it cannot be read as a scene") from None
     data = parse_toml(text, source)
-    if folder is None and (record := plugins.target("scenes", source)[0]).owner != OWN:
+    if (
+        folder is None
+        and (record := plugins.target("scenes", source)[0]).owner != OWN
+    ):
         _qualify(data, record)
     data.setdefault(
         "name", os.fsencode(path.stem).decode(errors="replace")
@@ -388,7 +399,9 @@ def _located_axes(axes: Fields, folder: Path, data: Fields, prefix: str) -> Data
     for name, value in axes.items():
         path = f"{prefix}{name}"
         if path == "zip" and isinstance(value, list):
-            groups = [group if isinstance(group, Mapping) else {} for group in value]
+            groups = [
+                group if isinstance(group, Mapping) else {} for group in value
+            ]
             copy[name] = (
                 [_located_axes(group, folder, data, "") for group in groups]
                 if all(groups)
@@ -435,7 +448,9 @@ def _in_component(table: Any, folder: Path, role: str) -> Any:
     kind = table.get("kind")
     own = _kinds(role, kind) if isinstance(kind, str) else []
     known = {"kind", *(name for cls in own for name in cls.model_fields)}
-    return _in_options(table, folder, own if known >= table.keys() else _kinds(role))
+    return _in_options(
+        table, folder, own if known >= table.keys() else _kinds(role)
+    )
 
 
 def _in_options(table: Any, folder: Path, classes: Sequence[Any]) -> Any:
@@ -444,11 +459,15 @@ def _in_options(table: Any, folder: Path, classes: Sequence[Any]) -> Any:
         return table
     copy = dict(table)
     for name, value in table.items():
-        fields = [cls.model_fields[name] for cls in classes if name in cls.model_fields]
+        fields = [
+            cls.model_fields[name] for cls in classes if name in cls.model_fields
+        ]
         if any(is_file_path(field) for field in fields):
             copy[name] = str(folder / value) if isinstance(value, str) else value
         elif isinstance(value, list | Mapping):
-            for role in {role for field in fields for role in _roles(field.annotation)}:
+            for role in {
+                role for field in fields for role in _roles(field.annotation)
+            }:
                 copy[name] = _in_component(copy[name], folder, role)
     return copy
 
@@ -557,13 +576,18 @@ def load_scene(
         scene = parse_scene(override(where.todict(), changes))
         # what the material gave is written out in the data
         return scene.model_copy(
-            update={"material": where.material, "from_material": where.from_material}
+            update={
+                "material": where.material,
+                "from_material": where.from_material,
+            }
         )
     data, source = (
         (where, "the scene") if isinstance(where, Mapping) else scene_data(where)
     )
     data = override(data, changes or {})
     if "sweep" in data:
-        problem = "this scene is a sweep of many; use chemage.sweep, or `chemage run`"
+        problem = (
+            "this scene is a sweep of many; use chemage.sweep, or `chemage run`"
+        )
         raise SceneError(source, [("sweep", problem)])
     return parse_scene(data, source)

@@ -73,7 +73,9 @@ class MaterialValue:
     @property
     def text(self) -> str:
         """The value as a line of text."""
-        return self.value if isinstance(self.value, str) else _toml_value(self.value)
+        return (
+            self.value if isinstance(self.value, str) else _toml_value(self.value)
+        )
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,10 @@ class Material:
     def todict(self) -> Data:
         """Plain JSON values."""
         values = [
-            {"path": entry.path, **{name: getattr(entry, name) for name in _ENTRIES}}
+            {
+                "path": entry.path,
+                **{name: getattr(entry, name) for name in _ENTRIES},
+            }
             for entry in self.values
         ]
         return {
@@ -168,7 +173,9 @@ def _toml_value(value: Any) -> str:
 def _inline(table: Fields) -> str:
     return (
         "{ "
-        + ", ".join(f"{name} = {_toml_value(value)}" for name, value in table.items())
+        + ", ".join(
+            f"{name} = {_toml_value(value)}" for name, value in table.items()
+        )
         + " }"
     )
 
@@ -191,7 +198,9 @@ def material(name: str) -> Material:
             f"no material {shown(name)}{nearest(str(name)[:200], list(targets))}; {installed}"
         )
     record, target = plugins.target("materials", name)
-    where = f"material {name!r} of plugin {record.name!r} ({record.source}): {target}"
+    where = (
+        f"material {name!r} of plugin {record.name!r} ({record.source}): {target}"
+    )
     try:
         data = tomllib.loads(registry.scene_text(target))
         check_data(data)
@@ -217,7 +226,8 @@ def _read(name: str, data: Fields, source: str) -> Material:
                 f"{section}: write each value as [{section}.NAME] with value, how and source below it"
             )
         values += [
-            _value(f"{section}.{option}", entry) for option, entry in options.items()
+            _value(f"{section}.{option}", entry)
+            for option, entry in options.items()
         ]
     if not values:
         raise InputError("has no values")
@@ -228,7 +238,9 @@ def _read(name: str, data: Fields, source: str) -> Material:
 
 def _value(path: str, entry: Any) -> MaterialValue:
     if not isinstance(entry, Mapping) or "value" not in entry:
-        raise InputError(f"{path}: write [{path}] with value, how and source below it")
+        raise InputError(
+            f"{path}: write [{path}] with value, how and source below it"
+        )
     if unknown := [name for name in entry if name not in _ENTRIES]:
         raise InputError(
             f"{path}.{unknown[0]}: no such entry; the entries are {', '.join(_ENTRIES)}"
@@ -275,7 +287,9 @@ def problems_of(material: Material) -> list[str]:
                 problems += _contact_problems(f"{section}.{name}", name, value)
         elif not role:
             for name, value in options.items():
-                problems += _field_problems(f"{section}.{name}", Chemistry, name, value)
+                problems += _field_problems(
+                    f"{section}.{name}", Chemistry, name, value
+                )
         elif options:
             try:
                 plugins.fromdict(role, options)
@@ -300,13 +314,17 @@ def _contact_problems(path: str, name: str, value: Any) -> list[str]:
         return [f"{path}: no installed contact has this option"]
     return list(
         dict.fromkeys(
-            text for cls in having for text in _field_problems(path, cls, name, value)
+            text
+            for cls in having
+            for text in _field_problems(path, cls, name, value)
         )
     )
 
 
 def _field_problems(path: str, cls: Any, name: str, value: Any) -> list[str]:
-    names = [option for option in cls.model_fields if option not in filled_sections()]
+    names = [
+        option for option in cls.model_fields if option not in filled_sections()
+    ]
     if name not in names:
         return [
             f"{path}: no such option{nearest(name, names)}; the options are {', '.join(names)}"
@@ -337,7 +355,9 @@ def filled(
     UnknownKindError, PluginError
         See :func:`material`.
     """
-    sections = {name: section for name, section in data.items() if name != "material"}
+    sections = {
+        name: section for name, section in data.items() if name != "material"
+    }
     if "material" not in data:
         return sections, None, ()
     chosen = material(data["material"])
@@ -349,7 +369,9 @@ def filled(
             continue
         table = sections.get(section, {})
         values = {
-            entry.option: entry for entry in chosen.values if entry.section == section
+            entry.option: entry
+            for entry in chosen.values
+            if entry.section == section
         }
         if (
             not values
@@ -363,7 +385,9 @@ def filled(
             for name, value in table.items()
             if value is not False or name not in fitting
         }
-        added = {name: entry for name, entry in fitting.items() if name not in table}
+        added = {
+            name: entry for name, entry in fitting.items() if name not in table
+        }
         sections[section] = {
             **{name: entry.value for name, entry in added.items()},
             **own,
@@ -386,6 +410,10 @@ def _fitting(
         except ChemageError:  # reported where the scene is read
             return {}
         return {name: entry for name, entry in values.items() if name in fields}
-    if "kind" in table and "kind" in values and table["kind"] != values["kind"].value:
+    if (
+        "kind" in table
+        and "kind" in values
+        and table["kind"] != values["kind"].value
+    ):
         return {}
     return dict(values)

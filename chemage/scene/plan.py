@@ -137,7 +137,9 @@ class Plan:
     def contact_file(self) -> float:
         """Bytes of the contact as a sweep stores it."""
         fraction = 1.0 if self.area_fraction is None else self.area_fraction
-        return 12 * self.pixels * fraction + (self.gap_bytes if self.has_map else 0.0)
+        return 12 * self.pixels * fraction + (
+            self.gap_bytes if self.has_map else 0.0
+        )
 
     @property
     def has_map(self) -> bool:
@@ -195,7 +197,9 @@ class Plan:
         seconds = expected_cost(
             scene.ageing,
             self.sites or 1.0,
-            {"cpu_seconds": 0.0},  # of kinetics, which may state a range of their own
+            {
+                "cpu_seconds": 0.0
+            },  # of kinetics, which may state a range of their own
             1,
             chemistry=chemistry,
             temperature=scene.hold.temperature,
@@ -211,9 +215,7 @@ class Plan:
             return ""
         by = self.scene.ageing or self.scene.engine
         assert by is not None
-        return (
-            f"the cost of {by.role} {by.kind!r} depends on what happens during the run"
-        )
+        return f"the cost of {by.role} {by.kind!r} depends on what happens during the run"
 
     @property
     def seconds_range(self) -> tuple[float, float] | None:
@@ -236,7 +238,8 @@ class Plan:
         return max(
             1,
             min(
-                self.scene.hold.replicas, available() // self.scene.engine.concurrency()
+                self.scene.hold.replicas,
+                available() // self.scene.engine.concurrency(),
             ),
         )
 
@@ -248,7 +251,9 @@ class Plan:
         concurrent = self.at_once * (
             self.scene.engine.concurrency() if self.scene.engine is not None else 1
         )
-        kinetics = self.kinetics_range[1] if most and self.kinetics_range else kinetics
+        kinetics = (
+            self.kinetics_range[1] if most and self.kinetics_range else kinetics
+        )
         return contact / available() + kinetics / min(concurrent, available())
 
     # -- what is wrong or doubtful ------------------------------------------------------------------------------------
@@ -268,9 +273,7 @@ class Plan:
             if stage.changes and stage.makes not in made:
                 problem = f"changes what this scene does not compute, {stage.makes!r}; leave it out"
                 raise InputError(f"[{stage.section}] {problem}")
-        grid = (
-            f"{self.surface.get('nx', 0):.0f} x {self.surface.get('ny', 0):.0f} pixels"
-        )
+        grid = f"{self.surface.get('nx', 0):.0f} x {self.surface.get('ny', 0):.0f} pixels"
         most = max(self.contact_bytes or 0.0, BYTES_PER_PIXEL * self.pixels)
         require(most, f"[surface] {grid}", "use fewer pixels")
         if hold is None:
@@ -299,7 +302,9 @@ class Plan:
         )
         most += self.rupture_bytes
         require(
-            most, f"[hold] {hold.replicas} replicas at {times} hold times{on}", remedy
+            most,
+            f"[hold] {hold.replicas} replicas at {times} hold times{on}",
+            remedy,
         )
 
     def doubts(self) -> list[Doubt]:
@@ -374,7 +379,9 @@ class Plan:
         if self.pixels:
             # heights are noise and do not compress; a pressure map is as large as what carries pressure
             carrying = (
-                1.0 if self.area_fraction is None else min(1.0, 2 * self.area_fraction)
+                1.0
+                if self.area_fraction is None
+                else min(1.0, 2 * self.area_fraction)
             )
             file = (8 + 8 * carrying) * self.pixels + self.gap_bytes
             sides = {name: self.surface[name] for name in ("nx", "ny")}
@@ -388,7 +395,9 @@ class Plan:
             numbers["cpu_seconds"] = contact + kinetics
         if self.contact_bytes is not None and self.replica_bytes is not None:
             held = MAP_BYTES * self.pixels + self.gap_bytes
-            stages = max(self.contact_bytes, held + self.replica_bytes * self.at_once)
+            stages = max(
+                self.contact_bytes, held + self.replica_bytes * self.at_once
+            )
             numbers["memory"] = LIBRARY_BYTES + stages + self.rupture_bytes
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
@@ -424,7 +433,9 @@ class Plan:
         numbers = self.numbers
         rows = list(self.stages.items())
         if "area_fraction" in numbers:
-            rows.append(("expected area fraction", f"{numbers['area_fraction']:.3g}"))
+            rows.append(
+                ("expected area fraction", f"{numbers['area_fraction']:.3g}")
+            )
         else:
             rows.append(
                 ("expected area fraction", "not known before the contact is solved")
@@ -450,7 +461,9 @@ class Plan:
                 )
             )
         if "memory" in numbers:
-            rows.append(("expected memory", f"about {numbers['memory'] / 1e9:.2g} GB"))
+            rows.append(
+                ("expected memory", f"about {numbers['memory'] / 1e9:.2g} GB")
+            )
         if "file" in numbers:
             rows.append(("result file", f"about {numbers['file'] / 1e6:.3g} MB"))
         return rows
@@ -507,7 +520,11 @@ def plan(scene: Scene) -> Plan:
 def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]:
     for name, info in type(component).model_fields.items():
         value = getattr(component, name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not value:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not value
+        ):
             continue
         unit = unit_of(info)
         usual = BOND_FORCES if unit == "nN" and bonds else USUAL.get(unit)

@@ -94,7 +94,9 @@ def scatter_of(
     for _, role, options in _recorded(scene, aging, None):
         if role == SurfaceMaker.role:  # the other components need not be imported
             maker = _installed(role, options)
-            return maker.scatter(contact) if isinstance(maker, SurfaceMaker) else None
+            return (
+                maker.scatter(contact) if isinstance(maker, SurfaceMaker) else None
+            )
     return None
 
 
@@ -195,7 +197,9 @@ def references(
 def entries_of(cls: type[Component]) -> dict[str, str]:
     """Text -> BibTeX entry of a component; a class with texts of its own does not inherit entries."""
     owner = next(base for base in cls.__mro__ if "cite" in vars(base))
-    return dict(zip(vars(owner)["cite"], vars(owner).get("bibtex", ()), strict=False))
+    return dict(
+        zip(vars(owner)["cite"], vars(owner).get("bibtex", ()), strict=False)
+    )
 
 
 def _own(title: str, version: str) -> str:
@@ -235,7 +239,9 @@ def text(cited: Iterable[Reference]) -> str:
 
 def latex(words: str) -> str:
     """``words`` on one line, so that LaTeX prints them: special characters escaped, letters as they are (UTF-8)."""
-    return "".join(_SPECIAL.get(letter, letter) for letter in " ".join(words.split()))
+    return "".join(
+        _SPECIAL.get(letter, letter) for letter in " ".join(words.split())
+    )
 
 
 def _misc(words: str) -> str:
@@ -253,7 +259,9 @@ def _misc(words: str) -> str:
 
 def _key(words: str, year: str) -> str:
     """The first author's surname and the year, as ``li2018``."""
-    first = re.split(r",| and | & | et al|;|:", words.strip(), maxsplit=1)[0].split()
+    first = re.split(r",| and | & | et al|;|:", words.strip(), maxsplit=1)[
+        0
+    ].split()
     plain = (
         unicodedata.normalize("NFKD", first[-1] if first else "")
         .encode("ascii", "ignore")

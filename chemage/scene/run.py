@@ -184,7 +184,9 @@ class Run:
     @cached_property
     def _fitted(self) -> tuple[Fit | None, str]:
         return (
-            (None, "") if self.aging is None else fit_or_reason(self.aging, self.window)
+            (None, "")
+            if self.aging is None
+            else fit_or_reason(self.aging, self.window)
         )
 
     def summary(self) -> Data:
@@ -205,7 +207,9 @@ class Run:
             "events": (None if aging.events is None else int(aging.events.sum()))
             if aging
             else 0,
-            "common_random_numbers": aging.provenance.get("common") if aging else None,
+            "common_random_numbers": aging.provenance.get("common")
+            if aging
+            else None,
             "hold_times": aging.hold_times.tolist() if aging else [],
             **self._curves(),
             **bond_errors(aging),
@@ -245,7 +249,9 @@ class Run:
             numbers |= known.get(name, unknown).numbers()
         return numbers
 
-    def plot(self, *what: Literal["surface", "contact", "aging"]) -> tuple[Axes, ...]:
+    def plot(
+        self, *what: Literal["surface", "contact", "aging"]
+    ) -> tuple[Axes, ...]:
         """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
 
         Raises
@@ -257,13 +263,19 @@ class Run:
 
     def to_xarray(self) -> xarray.Dataset:
         """The arrays of surface, contact and ageing in one dataset, named as in the file. Needs xarray."""
-        there = {"surface": self.surface, "contact": self.contact, "aging": self.aging}
+        there = {
+            "surface": self.surface,
+            "contact": self.contact,
+            "aging": self.aging,
+        }
         parts, attributes = [], {"name": self.name}
         for name, record in there.items():
             if record is not None:
                 part = record.to_xarray()
                 parts.append(part)
-                attributes |= {f"{name}.{k}": value for k, value in part.attrs.items()}
+                attributes |= {
+                    f"{name}.{k}": value for k, value in part.attrs.items()
+                }
         merged = optional_module("xarray", EXTRA).merge(
             parts, combine_attrs="drop_conflicts", join="outer"
         )
@@ -289,7 +301,9 @@ class Run:
 
     def parts(self) -> dict[str, Record]:
         """The objects to store, by group name."""
-        contact = {"contact" if self.contact.has_map else "statistics": self.contact}
+        contact = {
+            "contact" if self.contact.has_map else "statistics": self.contact
+        }
         records = {"surface": self.surface, **contact, "aging": self.aging}
         return {name: part for name, part in records.items() if part is not None}
 
@@ -327,7 +341,9 @@ def _kinds(aging: Aging | None) -> dict[str, str | None]:
     kinds: dict[str, str | None] = {}
     for stage in registry.stages():
         if stage.role and stage.key == "aging" and not stage.many:
-            part = aging.provenance.get(stage.section) if aging is not None else None
+            part = (
+                aging.provenance.get(stage.section) if aging is not None else None
+            )
             kinds[stage.section] = (
                 part.get("kind") if isinstance(part, Mapping) else None
             )
@@ -347,7 +363,9 @@ def _sites(contact: ContactSolution | ContactStatistics) -> float | None:
 def _is_sound(name: str, value: Any) -> bool:
     """Whether an attribute of a stored run has the form that everything else relies on."""
     if name == "cite":
-        return isinstance(value, list) and all(isinstance(text, str) for text in value)
+        return isinstance(value, list) and all(
+            isinstance(text, str) for text in value
+        )
     if not isinstance(value, dict):
         return False
     if name == "scene":
@@ -469,8 +487,12 @@ def compute_stages(
     for stage in _needed(parts, set(wanted), made):
         progress = report and partial(report, stage.section)
         inputs = StageInputs(parts, made, threads, checkpoints, progress)
-        solves = stage.makes == "contact" and "surface" in made and not stage.changes
-        with _timed(stage.section, scene, {} if timings is None else timings, report):
+        solves = (
+            stage.makes == "contact" and "surface" in made and not stage.changes
+        )
+        with _timed(
+            stage.section, scene, {} if timings is None else timings, report
+        ):
             if checkpoints is not None and solves:
                 made["contact"] = _kept(checkpoints, stage, scene, inputs)
             else:
@@ -508,7 +530,9 @@ def aging_of(
         return None
     assert scene.chemistry is not None
     with scene.in_use():
-        return age(contact, scene.chemistry, **(arguments_of(scene.parts) | changes))
+        return age(
+            contact, scene.chemistry, **(arguments_of(scene.parts) | changes)
+        )
 
 
 def run_keys(

@@ -164,7 +164,9 @@ def accuracies(options: Any) -> dict[str, float]:
         raise InputError(
             f'accuracy = {shown(options)}: give names and accuracies, such as {{"beta": "2 %"}}'
         )
-    return {str(name): _accuracy(str(name), value) for name, value in options.items()}
+    return {
+        str(name): _accuracy(str(name), value) for name, value in options.items()
+    }
 
 
 def _accuracy(name: str, value: Any) -> float:
@@ -258,7 +260,9 @@ class Scene(Section):
         for stage in registry.stages():
             if stage.section in parts:
                 place = (
-                    fields if stage.section in cls.model_fields else fields["others"]
+                    fields
+                    if stage.section in cls.model_fields
+                    else fields["others"]
                 )
                 place[stage.section] = parts[stage.section]
             fields |= {
@@ -325,7 +329,9 @@ class Scene(Section):
         """Every component of the scene, those of the chemistry last."""
         chemical = {name for stage in registry.stages() for name in stage.parts}
         sections = self.sections()
-        return [sections[path] for path in sorted(sections, key=chemical.__contains__)]
+        return [
+            sections[path] for path in sorted(sections, key=chemical.__contains__)
+        ]
 
     def unit(self, path: str) -> str:
         """The unit of the option at ``path``, such as ``contact.load``; "" where it is no quantity."""
@@ -358,7 +364,10 @@ class Scene(Section):
         sources = [value.source for value in self.from_material]
         return list(
             dict.fromkeys(
-                [*(text for part in self.components() for text in part.cite), *sources]
+                [
+                    *(text for part in self.components() for text in part.cite),
+                    *sources,
+                ]
             )
         )
 
@@ -490,15 +499,17 @@ class Scene(Section):
         return (
             self
             if self.hold is None
-            else self.model_copy(update={"hold": self.hold.model_copy(update=values)})
+            else self.model_copy(
+                update={"hold": self.hold.model_copy(update=values)}
+            )
         )
 
     def bare(self, **hold: Any) -> Self:
         """The scene with one replica, without what the numbers do not need; ``hold``: further values of its hold."""
         update: Data = {"observe": (), "ensemble": None, "accuracy": {}}
-        return self.with_hold(**{"replicas": 1, "common": "all", **hold}).model_copy(
-            update=update
-        )
+        return self.with_hold(
+            **{"replicas": 1, "common": "all", **hold}
+        ).model_copy(update=update)
 
     def task_keys(self) -> dict[str, str]:
         """Like :meth:`keys`, and also of what the scene sets for plugins that may take part in the stage.
@@ -516,7 +527,9 @@ class Scene(Section):
                 hooks |= {*stage_hooks()} - {
                     hook for stage in stages for hook in stage.hooks
                 }
-            components = [parts.get(name) for stage in within for name in stage.roles]
+            components = [
+                parts.get(name) for stage in within for name in stage.roles
+            ]
             names = {*implementing(*sorted(hooks)), *providers(*components)}
             extra[key] = {
                 name: changed

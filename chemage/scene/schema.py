@@ -46,7 +46,9 @@ def scene_schema() -> Data:
         cls = plugins.role(role)
         # an option that is itself a component: a table with its kind, or the kind alone where the plugin takes that
         if cls.__name__ in definitions and role in by_role:
-            definitions[cls.__name__] = {"anyOf": [by_role[role], {"type": "string"}]}
+            definitions[cls.__name__] = {
+                "anyOf": [by_role[role], {"type": "string"}]
+            }
     installed = sorted(plugins.materials())
     properties: Data = {
         "name": {"type": "string"},
@@ -77,7 +79,9 @@ def scene_schema() -> Data:
         )
         extra = {name: {**entry.schema} for name, entry in stage.beside.items()}
         required = [name for name, entry in stage.beside.items() if entry.required]
-        for cls in components.get(stage.role, ()) if extra or from_materials else ():
+        for cls in (
+            components.get(stage.role, ()) if extra or from_materials else ()
+        ):
             own = definitions[target(cls)]
             own["properties"].update(extra)
             own["required"] = [
@@ -85,7 +89,9 @@ def scene_schema() -> Data:
                 *required,
             ]
     properties["plugins"] = _plugins_section(plugins, definitions)
-    definitions |= json.loads(registry.scene_text("chemage.scene:sweep.schema.json"))
+    definitions |= json.loads(
+        registry.scene_text("chemage.scene:sweep.schema.json")
+    )
     properties["sweep"] = {"$ref": "#/$defs/Sweep"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -154,7 +160,9 @@ def _of_materials(section: str) -> set[str]:
 
 def _plugins_section(plugins: registry.Registry, definitions: Data) -> Data:
     """What a scene sets for plugins; adds the definitions of their options."""
-    installed = sorted(record.name for record in plugins.records if not record.error)
+    installed = sorted(
+        record.name for record in plugins.records if not record.error
+    )
     prefer = {
         "type": "array",
         "items": {"enum": installed},
@@ -167,8 +175,15 @@ def _plugins_section(plugins: registry.Registry, definitions: Data) -> Data:
                 mode="validation", ref_template="#/$defs/{model}"
             )
             definitions |= part.pop("$defs", {})
-            properties[name] = {"description": f"options of the plugin {name}", **part}
-    return {"type": "object", "additionalProperties": False, "properties": properties}
+            properties[name] = {
+                "description": f"options of the plugin {name}",
+                **part,
+            }
+    return {
+        "type": "object",
+        "additionalProperties": False,
+        "properties": properties,
+    }
 
 
 def options_of(cls: type[Component]) -> list[dict[str, str]]:

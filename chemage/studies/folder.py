@@ -103,7 +103,9 @@ class _Manifest(BaseModel):
         lengths = [len(axis.values) for axis in axes]
         points = math.prod(lengths)
         if any(
-            len(values) != len(axis.paths) for axis in axes for values in axis.values
+            len(values) != len(axis.paths)
+            for axis in axes
+            for values in axis.values
         ):
             raise ValueError(
                 "an axis of the grid has values for other fields than it names"
@@ -185,7 +187,11 @@ class Folder:
             text = read_bytes(path, LARGEST_DESCRIPTION, links=False)
             # only the beginning is needed of a file that is as it was written
             begin = _POINT.match(text)
-            if begin and check_json(text, path) and begin[2] in (None, key.encode()):
+            if (
+                begin
+                and check_json(text, path)
+                and begin[2] in (None, key.encode())
+            ):
                 return begin[1].decode()
         return self.read_point(key)["status"]
 
@@ -221,7 +227,10 @@ class Folder:
 
     def keep_contact(self, key: str, solution: ContactSolution) -> ContactSolution:
         """Write a contact, unless another process has done so before: all points use the one that is returned."""
-        path, content = self.contact(key), archive({"contact": solution}, {"key": key})
+        path, content = (
+            self.contact(key),
+            archive({"contact": solution}, {"key": key}),
+        )
         if (
             not self.place(path, content, over=False)
             and self.intact_contact(key) is None
@@ -242,7 +251,9 @@ class Folder:
         except AbsentError:
             return None
 
-    def _in_contact(self, key: str, kinds: dict[str, type[Record]]) -> dict[str, Any]:
+    def _in_contact(
+        self, key: str, kinds: dict[str, type[Record]]
+    ) -> dict[str, Any]:
         records, about = read(self.contact(key), kinds, links=False)
         if about.get("key", key) != key:
             raise DamagedError(
@@ -286,7 +297,9 @@ class Folder:
                 part.unlink(missing_ok=True)
 
     def _cannot(self, what: Path | str, error: OSError) -> CannotWrite:
-        return CannotWrite(f"cannot write {what}: {error.strerror or error}; {RESUME}")
+        return CannotWrite(
+            f"cannot write {what}: {error.strerror or error}; {RESUME}"
+        )
 
     def clear_parts(self) -> None:
         """Remove the temporary files of processes that were killed."""

@@ -70,7 +70,12 @@ from chemage.studies.tasks import (
 #: time to wait for a Dask scheduler, s
 ANSWER_TIME = 4.0
 #: loggers that show a traceback when a worker or the scheduler is lost
-_LOGGERS = ("distributed.client", "distributed.utils", "tornado.application", "asyncio")
+_LOGGERS = (
+    "distributed.client",
+    "distributed.utils",
+    "tornado.application",
+    "asyncio",
+)
 #: of a new cluster on this machine
 _LOCAL: dict[str, Any] = {
     "threads_per_worker": 1,
@@ -117,7 +122,9 @@ def open_client(
     # Dask sets "pre-spawn" variables, which libraries read at import, in this process as well; numba would then refuse
     # to compile here, so that its variables are set in the workers only
     early = thread_budget.environment(threads)
-    late = {name: early.pop(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS")}
+    late = {
+        name: early.pop(name) for name in ("CHEMAGE_THREADS", "NUMBA_NUM_THREADS")
+    }
     settings = {
         # the runner of a study tries again what a worker died of, beside nothing else
         "distributed.scheduler.allowed-failures": 0,
@@ -232,7 +239,10 @@ class Pool:
     @property
     def lost(self) -> bool:
         """Whether no task will end any more: what waits in a client that has given up its scheduler may not be told."""
-        return self.client is not None and self.client.status in ("closing", "closed")
+        return self.client is not None and self.client.status in (
+            "closing",
+            "closed",
+        )
 
     def width(self) -> int:
         """The present number of concurrent tasks."""
@@ -323,7 +333,9 @@ def _begin(parent: int, path: Sequence[str]) -> None:
 
     sys.path[:] = path
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    warnings.simplefilter("ignore", PluginWarning)  # the parent process has shown them
+    warnings.simplefilter(
+        "ignore", PluginWarning
+    )  # the parent process has shown them
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -399,7 +411,9 @@ def open_pool(
             yield Pool(pool, threads, width)
     else:
         with open_client(detail, workers, threads, limit) as client:
-            yield Pool(client.get_executor(pure=False), threads, width, client=client)
+            yield Pool(
+                client.get_executor(pure=False), threads, width, client=client
+            )
 
 
 def shares(workers: int | None, threads: int | None) -> tuple[int, int]:
@@ -468,7 +482,12 @@ class Runner:
         known: Known,
         watch: Callable[[Runner], None] | None,
     ) -> None:
-        self._pool, self._place, self._known, self._watch = pool, place, known, watch
+        self._pool, self._place, self._known, self._watch = (
+            pool,
+            place,
+            known,
+            watch,
+        )
         self._whole = None if place is None else place.whole
         self._ready: deque[Piece] = deque()
         #: contacts that must be solved: pieces that wait for them, the one that solves it first
@@ -601,7 +620,8 @@ class Runner:
     def _fits(self) -> bool:
         """Whether the memory of this machine holds one more piece like those that run."""
         sizes = [
-            max(task.bytes for task in piece.tasks) for piece in self._running.values()
+            max(task.bytes for task in piece.tasks)
+            for piece in self._running.values()
         ]
         return not sizes or sum(sizes) + max(sizes) <= self._memory
 

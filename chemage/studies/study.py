@@ -68,7 +68,9 @@ class Selection:
     ranges: tuple[tuple[int, int], ...] = ()
 
     @classmethod
-    def read(cls, text: str, environment: Mapping[str, str] | None = None) -> Selection:
+    def read(
+        cls, text: str, environment: Mapping[str, str] | None = None
+    ) -> Selection:
         """Read ``3/16``, ``3,7,12-20``, ``auto`` or ``auto/16``.
 
         ``auto`` is the share that belongs to this task of a job array, by the variables of
@@ -87,7 +89,8 @@ class Selection:
             number, count = int(match[1]), int(match[2])
             if not 1 <= number <= count <= MANY_SHARES:
                 raise _wrong(
-                    text, f"there is no share {number} of {count}; shares count from 1"
+                    text,
+                    f"there is no share {number} of {count}; shares count from 1",
                 )
             return cls(share=(number, count))
         if not _NUMBERS.fullmatch(compact):
@@ -131,7 +134,9 @@ def _share_of_array(
     arrays = [variables for variables in _ARRAYS if variables[0] in numbers]
     if not arrays:
         every = ", ".join(variables[0] for variables in _ARRAYS)
-        raise _wrong(text, f"this is no task of a job array: none of {every} is set")
+        raise _wrong(
+            text, f"this is no task of a job array: none of {every} is set"
+        )
     if len(arrays) > 1:
         names = " and ".join(variables[0] for variables in arrays)
         raise _wrong(text, f"{names} are both set")
@@ -245,7 +250,9 @@ class Study:
         patience: float | str | None = None,
         classes: Iterable[type] = (),
     ) -> None:
-        self._executor = executor or ("processes" if (workers or 1) > 1 else "serial")
+        self._executor = executor or (
+            "processes" if (workers or 1) > 1 else "serial"
+        )
         self._where = self._executor, workers, threads, patience
         #: s without anything new of other shares before this process gives up
         self._patience = PATIENCE if patience is None else seconds(patience)
@@ -298,7 +305,9 @@ class Study:
 
         def told(task: Task, outcome: Outcome) -> None:
             self.told += 1
-            design.tell(task, outcome if place is None else place.read(task, outcome))
+            design.tell(
+                task, outcome if place is None else place.read(task, outcome)
+            )
 
         number, count = share or (1, 1)
         while tasks := design.ask():

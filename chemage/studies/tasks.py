@@ -188,7 +188,10 @@ class Task(Owned):
                 "bytes": size,
             }
         # shares are divided by the numbers of tasks
-        more = {"number": int(keys["contact"][:8], 16), "changes": changes or {}} | more
+        more = {
+            "number": int(keys["contact"][:8], 16),
+            "changes": changes or {},
+        } | more
         return cls(
             keys["result"],
             keys["aging"],
@@ -248,7 +251,9 @@ class Place:
     processor: bool = False
 
     @classmethod
-    def at(cls, path: str | Path | None, *, processor: bool = False) -> Place | None:
+    def at(
+        cls, path: str | Path | None, *, processor: bool = False
+    ) -> Place | None:
         """A folder for the results of single tasks, which are known by their keys; None where none are kept."""
         if path is None:
             return None
@@ -282,13 +287,15 @@ class Place:
 
     def read(self, task: Task, outcome: Outcome) -> Outcome:
         """What came of a task, with what is in the folder alone; an error if another version of chemage computed it."""
-        if self.contacts or outcome.error is not None or outcome.content is not None:
+        if (
+            self.contacts
+            or outcome.error is not None
+            or outcome.content is not None
+        ):
             return outcome
         content = self.folder.read_point(task.key)
         if (version := content["summary"]["versions"]["chemage"]) != __version__:
-            text = (
-                f"a worker has chemage {version}, but the study is run by {__version__}"
-            )
+            text = f"a worker has chemage {version}, but the study is run by {__version__}"
             return Outcome(error=ExecutorError(text))
         return Outcome(content=content)
 
@@ -413,7 +420,11 @@ def _opened(path: str, digest: str, durable: bool) -> Folder:
 
 
 def compute(
-    place: Place | None, tasks: Sequence[Task], threads: int, known: Known, remote: bool
+    place: Place | None,
+    tasks: Sequence[Task],
+    threads: int,
+    known: Known,
+    remote: bool,
 ) -> Answer:
     """Compute tasks that have one contact.
 
@@ -483,7 +494,9 @@ class Worker:
         try:
             self.stage, contact = "contact", None
             if task.scene.contact.gives_map:
-                contact = self.kept("contact", task.contact, lambda: self.contact(task))
+                contact = self.kept(
+                    "contact", task.contact, lambda: self.contact(task)
+                )
             self.stage = "ageing"
             self._run = run(
                 task.scene,
@@ -527,7 +540,9 @@ class Worker:
 def _fitted_again(before: Run, scene: Scene) -> Run:
     """The run of a scene that differs from that of ``made`` in its fit and in the limits of its material only."""
     before = replace(
-        before, scene=scene.todict(), keys=run_keys(scene, before.contact, before.aging)
+        before,
+        scene=scene.todict(),
+        keys=run_keys(scene, before.contact, before.aging),
     )
     if before.aging is not None and scene.chemistry is not None:
         limits = {"elasticity": elastic_limits(before.contact, scene.chemistry)}

@@ -184,7 +184,9 @@ class TradeMap:
         ageing = statistics.median(point.ageing_seconds)
         return (
             contact,
-            ageing / self.replicas if point.replicates and self.replicas else ageing,
+            ageing / self.replicas
+            if point.replicates and self.replicas
+            else ageing,
         )
 
     def todict(self) -> dict[str, Any]:
@@ -252,7 +254,9 @@ class TradeMap:
                 if self.name != scene.name
                 else ", which has changed since"
             )
-            raise InputError(f"{name}: was measured on another scene{other}; {again}")
+            raise InputError(
+                f"{name}: was measured on another scene{other}; {again}"
+            )
         now = versions(scene)
         changed = [
             f"{key} {self.versions.get(key, 'none')} instead of {now.get(key, 'none')}"

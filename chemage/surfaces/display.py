@@ -82,7 +82,9 @@ class SurfaceDisplay(OfRecord[Surface]):
         if surface.periodic and surface.rms_height > 0 and min(nx, ny) > 3:
             q, density = surface.psd()
             drawn = density > density.max() * 1e-14
-            axes.loglog(q[drawn], density[drawn], color=BLUE, marker=".", ms=3, lw=1)
+            axes.loglog(
+                q[drawn], density[drawn], color=BLUE, marker=".", ms=3, lw=1
+            )
             axes.set(
                 xlabel="wavenumber q (1/nm)",
                 ylabel="power spectral density C(q) (nm$^4$)",
@@ -96,7 +98,9 @@ class SurfaceDisplay(OfRecord[Surface]):
                 color=BLUE,
                 marker="." if nx < 3 else None,
             )
-            axes.set(xlabel="x (nm)", ylabel="height (nm)", title="through the middle")
+            axes.set(
+                xlabel="x (nm)", ylabel="height (nm)", title="through the middle"
+            )
 
     def maps(self) -> dict[str, Any]:
         return {"surface": self.record}

@@ -53,7 +53,9 @@ class _Surface(Stage):
     def run(self, inputs: StageInputs) -> Surface:
         from chemage.surfaces.role import make_surface
 
-        return make_surface(inputs.parts[self.section], inputs.parts["surface.seed"])
+        return make_surface(
+            inputs.parts[self.section], inputs.parts["surface.seed"]
+        )
 
     def recorded(
         self, aging: Mapping[str, Any], contact: Mapping[str, Any]

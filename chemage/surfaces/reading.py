@@ -51,7 +51,9 @@ class HeightMap:
             or carried(heights) is not None
         ):
             raise InputError.of(
-                "heights", type(heights).__name__, "is no plain array of real numbers"
+                "heights",
+                type(heights).__name__,
+                "is no plain array of real numbers",
             )
         if isinstance(heights, np.ma.MaskedArray):
             object.__setattr__(self, "heights", heights.filled(np.nan))
@@ -64,7 +66,9 @@ class HeightMap:
             *(() if self.height_unit is None else (self.height_unit,)),
         )
         if not all(
-            isinstance(size, int | float | np.number) and np.isfinite(size) and size > 0
+            isinstance(size, int | float | np.number)
+            and np.isfinite(size)
+            and size > 0
             for size in sizes
         ):
             raise InputError(
@@ -144,7 +148,9 @@ def reader_for(path: str | PathLike[str]) -> Reader:
         known_endings = ", ".join(sorted(readers)) or "nothing"
         what = f"files ending in {ending!r}" if ending else "a file without ending"
         name = (
-            f'"{min(general)}", which says why it cannot read it' if general else "..."
+            f'"{min(general)}", which says why it cannot read it'
+            if general
+            else "..."
         )
         raise StoreError(
             f"path = {str(path)!r}: no reader for {what} (there are readers for {known_endings}), nor for its content; "
@@ -182,7 +188,9 @@ def _able(
         head = _head(path, file_stamp(path))
     except StoreError:  # the reader of the ending says so
         return {
-            kind: record for kind, record in of_ending.items() if kind not in general
+            kind: record
+            for kind, record in of_ending.items()
+            if kind not in general
         } or of_ending
     said = {
         kind: plugins.component("reader", kind).claims(head, path)
@@ -246,7 +254,9 @@ def shared_endings() -> list[str]:
     said = []
     readers, general = _readers()
     for ending, kinds in sorted(readers.items()):
-        kinds = {kind: record for kind, record in kinds.items() if kind not in general}
+        kinds = {
+            kind: record for kind, record in kinds.items() if kind not in general
+        }
         if len(kinds) < 2:
             continue
         first, why = _first(kinds)
@@ -260,7 +270,11 @@ def shared_endings() -> list[str]:
         )
         other = next(
             iter(
-                {kind: record for kind, record in kinds.items() if kind not in first}
+                {
+                    kind: record
+                    for kind, record in kinds.items()
+                    if kind not in first
+                }
                 or kinds
             )
         )

@@ -51,7 +51,9 @@ class Scatter:
         else:
             text = f"β differs by about {percent(self.relative)} between surface seeds (standard deviation)"
             if math.isfinite(replicas):
-                text += f", the standard error of the replicas is {percent(replicas)}"
+                text += (
+                    f", the standard error of the replicas is {percent(replicas)}"
+                )
         return f"{text}; {self.source}" if self.source else text
 
 
@@ -128,7 +130,9 @@ def make_surface(maker: SurfaceMaker, seed: Seed = 0) -> Surface:
 
     The plugins that took part, see :mod:`chemage.plugins.sources`, are noted in the surface's ``provenance``.
     """
-    expect("maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)')
+    expect(
+        "maker", maker, SurfaceMaker, 'make one with chemage.surface("sphere", ...)'
+    )
     with logged("surface", maker.kind) as outcome:
         answer, took_part, recorded = registry.current().answer(
             "chemage_make_surface", Surface, maker=maker, seed=seed

@@ -24,7 +24,9 @@ def multiplicity(ny: int) -> np.ndarray:
 
 def _wavenumbers(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Angular wavenumbers of the half spectrum in 1/pixel: (nx,) and (ny//2 + 1,)."""
-    return 2 * np.pi * np.fft.fftfreq(shape[0]), 2 * np.pi * np.fft.rfftfreq(shape[1])
+    return 2 * np.pi * np.fft.fftfreq(shape[0]), 2 * np.pi * np.fft.rfftfreq(
+        shape[1]
+    )
 
 
 def _centred(heights: np.ndarray) -> tuple[np.ndarray, float]:
@@ -60,7 +62,9 @@ def rms_height(heights: np.ndarray) -> float:
     return scale * math.sqrt(float(np.mean(np.square(scaled))))
 
 
-def rms_slope(heights: np.ndarray, pixel_size: float, periodic: bool = True) -> float:
+def rms_slope(
+    heights: np.ndarray, pixel_size: float, periodic: bool = True
+) -> float:
     """Root mean square slope sqrt(<|∇h|²>), spectral: it has the waves down to two pixels in full.
 
     Periodic heights are a Fourier series. Others are, along each row and each column, the straight line between its
@@ -73,7 +77,9 @@ def rms_slope(heights: np.ndarray, pixel_size: float, periodic: bool = True) -> 
     if periodic:
         qx, qy = _wavenumbers(scaled.shape)
         power = _power(scaled)
-        squared = float(qx**2 @ power.sum(axis=1)) + float(power.sum(axis=0) @ qy**2)
+        squared = float(qx**2 @ power.sum(axis=1)) + float(
+            power.sum(axis=0) @ qy**2
+        )
     else:
         squared = 0.0
         for rows in (scaled.T, scaled):
@@ -138,4 +144,6 @@ def psd(
     )
     filled = count > 0
     mean = total[filled] / count[filled] * heights.size
-    return waves[filled] / count[filled] / pixel_size, mean * (scale * pixel_size) ** 2
+    return waves[filled] / count[filled] / pixel_size, mean * (
+        scale * pixel_size
+    ) ** 2

@@ -78,7 +78,9 @@ class PixelMap:
     def to_pandas(self) -> pandas.DataFrame:
         """The map, one row for each x and one column for each y, both in nm. Needs pandas."""
         name = next(iter(self.arrays))
-        return map_frame(self._first, self.coordinates(), name, self.arrays[name][1])
+        return map_frame(
+            self._first, self.coordinates(), name, self.arrays[name][1]
+        )
 
 
 class Surface(PixelMap, Observing, Record):
@@ -109,7 +111,9 @@ class Surface(PixelMap, Observing, Record):
                 f"heights: shape {self.heights.shape}; give a two-dimensional, non-empty array (nx, ny)"
             )
         require_finite("heights", self.heights, "fill or crop missing data first")
-        largest = max(abs(float(self.heights.max())), abs(float(self.heights.min())))
+        largest = max(
+            abs(float(self.heights.max())), abs(float(self.heights.min()))
+        )
         if largest > LARGEST_HEIGHT:
             raise ValueError(
                 f"heights: up to {largest:g} nm, out of range; give heights in nm"

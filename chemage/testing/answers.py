@@ -25,7 +25,14 @@ from chemage.foundation.outputs import recording
 from chemage.foundation.records import Record
 from chemage.kinetics.role import Engine
 from chemage.plugins import registry
-from chemage.testing.checks import CHECKS, LIMIT, Checks, Questions, is_number, require
+from chemage.testing.checks import (
+    CHECKS,
+    LIMIT,
+    Checks,
+    Questions,
+    is_number,
+    require,
+)
 
 #: lines after which threads take turns, and packages in which they do not
 TURNS, OURS = 100, ("chemage", "numpy", "pydantic", "numba")
@@ -78,7 +85,8 @@ def independent_calls(checks: Checks[Any], **inputs: Any) -> None:
         held.append(_answered(component, one))
         first.append(as_bytes(held[-1]))
     require(
-        list(map(ask, asked[::-1])) == first[::-1], "a second call gave another result"
+        list(map(ask, asked[::-1])) == first[::-1],
+        "a second call gave another result",
     )
     require(
         list(map(as_bytes, held)) == first,
@@ -218,7 +226,9 @@ class AnswerChecks(Checks[Component], of=Component):
         import cloudpickle  # what loky sends with
 
         module = sys.modules.get(self.cls.__module__)
-        installed = registry.current().provider(self.cls) is not None or module is None
+        installed = (
+            registry.current().provider(self.cls) is not None or module is None
+        )
         try:
             if not installed:
                 cloudpickle.register_pickle_by_value(module)
@@ -238,7 +248,10 @@ class AnswerChecks(Checks[Component], of=Component):
             return
         elsewhere = _worker().submit(_asked_elsewhere, list(sys.path), content)
         try:
-            here, there = answers(self.component, inputs), elsewhere.result(LIMIT / 2)
+            here, there = (
+                answers(self.component, inputs),
+                elsewhere.result(LIMIT / 2),
+            )
         except BaseException:  # the next component finds a worker that is idle
             _worker().shutdown(wait=False, kill_workers=True)
             _worker.cache_clear()
@@ -292,7 +305,8 @@ class AnswerChecks(Checks[Component], of=Component):
         """
         cls, value = self.cls, getattr(self.component, name)
         others = [
-            getattr(self.component, other) for other in cls.model_fields.keys() - {name}
+            getattr(self.component, other)
+            for other in cls.model_fields.keys() - {name}
         ]
         off = any(other is None or other is False for other in others)
         if (

@@ -72,7 +72,9 @@ def rescaled_replica(
     chemistry: Any = replica.chemistry
     for name in ("forming", "breaking", "interaction"):
         if (part := getattr(chemistry, name)) is not None:
-            own = {one: energy * getattr(part, one) for one in type(part).model_fields}
+            own = {
+                one: energy * getattr(part, one) for one in type(part).model_fields
+            }
             chemistry = chemistry.replace(**{name: part.replace(**own)})
     chemistry = chemistry.replace(
         bond_force=energy / pixel * chemistry.bond_force,
@@ -132,7 +134,10 @@ def shifted(replica: Bonded, step: tuple[int, int]) -> Bonded:
 def _replicas() -> Iterator[tuple[str, Bonded]]:
     fine, plain = Trial(pixels=(9, 7), spacing=0.5), Trial()
     changes: dict[str, tuple[Trial, Callable[[Bonded], Bonded]]] = {
-        "at another temperature": (plain, partial(rescaled_replica, temperature=1.05)),
+        "at another temperature": (
+            plain,
+            partial(rescaled_replica, temperature=1.05),
+        ),
         "with other bonds": (
             plain,
             lambda replica: held(replica, replica.hold_times, [0, 8, 13, 13, 11]),
@@ -164,7 +169,10 @@ def _on_pixels(pressures: np.ndarray, size: float, periodic: bool) -> Bonded:
     pressure, fine = (
         np.kron(pressures, np.ones((round(1 / edge),) * 2)) for edge in (size, 0.5)
     )
-    of_sites = {"pressure": fine.ravel()[replica.lattice.sites], "origin": (0.0, 0.0)}
+    of_sites = {
+        "pressure": fine.ravel()[replica.lattice.sites],
+        "origin": (0.0, 0.0),
+    }
     return replace(
         changed(
             replica,
@@ -286,7 +294,9 @@ class ChangedReplicaChecks(Checks[Asked], of=(Rupture, Observable)):
             few, many = (
                 numbers(
                     component,
-                    held(replica, np.repeat(times, repeat), np.repeat(bonds, repeat)),
+                    held(
+                        replica, np.repeat(times, repeat), np.repeat(bonds, repeat)
+                    ),
                     f"{len(times) * repeat} hold times",
                 )
                 for repeat in repeats
@@ -354,7 +364,9 @@ class ObservedHistoryChecks(Checks[Observable], of=Observable):
             if axis is None:
                 continue
             depends = [
-                not _same(np.take(values, at, axis), np.take(other[name][0], at, axis))
+                not _same(
+                    np.take(values, at, axis), np.take(other[name][0], at, axis)
+                )
                 for other, at in ((last, -1), (third, 2))
             ]
             require(
@@ -370,7 +382,12 @@ class ObservedHistoryChecks(Checks[Observable], of=Observable):
         bonds = (0, 8, 17, 17, 17)
         plain, none, broken, passed = (
             self._over_time(*given)
-            for given in ((bonds,), ([0] * 5,), ((*bonds[:4], 0),), ([0] * 5, bonds))
+            for given in (
+                (bonds,),
+                ([0] * 5,),
+                ((*bonds[:4], 0),),
+                ([0] * 5, bonds),
+            )
         )
         for name, (_, axis) in plain.items():
             output = self.component.outputs.get(name)
@@ -430,8 +447,15 @@ class ObservableUnitChecks(Checks[Observable], of=Observable):
         except InputError:
             return
         stress, length = scale.get("stress", 1.0), scale.get("length", 1.0)
-        factors = {"energy": stress * length**3, "pressure": stress, "pixel": length}
-        factors |= {"temperature": factors["energy"], "time": scale.get("time", 1.0)}
+        factors = {
+            "energy": stress * length**3,
+            "pressure": stress,
+            "pixel": length,
+        }
+        factors |= {
+            "temperature": factors["energy"],
+            "time": scale.get("time", 1.0),
+        }
         words = ", ".join(
             f"{name} times {factor:g}"
             for name, factor in factors.items()
@@ -541,7 +565,9 @@ class RuptureUnitChecks(Checks[Rupture], of=Rupture):
         replica = Trial(hydroxylation=0.5).replica()
         if self.component.sampled or not treats(self.component, replica):
             return
-        full = replace(replica, chemistry=replica.chemistry.replace(hydroxylation=1.0))
+        full = replace(
+            replica, chemistry=replica.chemistry.replace(hydroxylation=1.0)
+        )
         one, two = (force_of(self.component, given) for given in (replica, full))
         require(
             _same(one, two),

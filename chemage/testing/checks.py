@@ -202,7 +202,9 @@ class Checks(Generic[C]):
         parts = self.options().get(name, [])
         types = {part.get("type") for part in parts}
         value = getattr(self.component, name)
-        tried: list[Any] = [choice for part in parts for choice in part.get("enum", [])]
+        tried: list[Any] = [
+            choice for part in parts for choice in part.get("enum", [])
+        ]
         tried += [True, False] if "boolean" in types else []
         tried += [1, 2, 3] if "integer" in types else []
         if "number" in types and is_number(value):
@@ -250,7 +252,10 @@ class Checks(Generic[C]):
             for value in values:
                 try:
                     variants.append(
-                        (f"{name} = {value}", self.component.replace(**{name: value}))
+                        (
+                            f"{name} = {value}",
+                            self.component.replace(**{name: value}),
+                        )
                     )
                 except InputError:
                     continue
@@ -303,7 +308,9 @@ def _taken(function: Callable[..., None]) -> list[Parameter]:
     return list(signature(function, follow_wrapped=False).parameters.values())[1:]
 
 
-def checks_for(component: Component | type[Component], **inputs: Any) -> list[Check]:
+def checks_for(
+    component: Component | type[Component], **inputs: Any
+) -> list[Check]:
     """List the checks of the role of a component, or of a class.
 
     ``inputs`` are passed on to the checks: ``surfaces`` and ``force_tolerance`` (role ``contact``), ``path`` and
@@ -318,17 +325,24 @@ def checks_for(component: Component | type[Component], **inputs: Any) -> list[Ch
     roles = registry.current().roles
     if role not in roles:
         raise InputError.of(
-            "component", component, "has no role", f"the roles are {', '.join(roles)}"
+            "component",
+            component,
+            "has no role",
+            f"the roles are {', '.join(roles)}",
         )
     checks, used = [], set[str]()
-    for of in sorted((*CHECKS[""], *CHECKS.get(role, ())), key=lambda one: one.last):
+    for of in sorted(
+        (*CHECKS[""], *CHECKS.get(role, ())), key=lambda one: one.last
+    ):
         for name in of.names():
             taken = _taken(getattr(of, name))
             every = any(one.kind is one.VAR_KEYWORD for one in taken)
             names = {one.name for one in taken}
             checks.append(
                 Check(
-                    name, of, {k: v for k, v in inputs.items() if every or k in names}
+                    name,
+                    of,
+                    {k: v for k, v in inputs.items() if every or k in names},
                 )
             )
             used |= names
@@ -372,7 +386,11 @@ def parametrize_with_checks(
         for check in checks:
             reason = excused.get(check.name)
             marks: list[Any] = (
-                [pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)]
+                [
+                    pytest.mark.xfail(
+                        reason=reason, strict=True, raises=AssertionError
+                    )
+                ]
                 if reason
                 else []
             )
@@ -394,7 +412,9 @@ def parametrize_with_checks(
     return pytest.mark.parametrize(("component", "check"), cases)
 
 
-def check_component(component: Component, *, all: bool = False, **inputs: Any) -> None:
+def check_component(
+    component: Component, *, all: bool = False, **inputs: Any
+) -> None:
     """Run every check of the role of a component; see :func:`checks_for` for ``inputs``.
 
     Raises
@@ -430,7 +450,9 @@ def whole(role: type[Component], **known: str) -> Callable[..., None]:
             )
         check_component(component, all=all, **inputs)
 
-    further = "".join(f"\n\n``{name}``: {meaning}." for name, meaning in known.items())
+    further = "".join(
+        f"\n\n``{name}``: {meaning}." for name, meaning in known.items()
+    )
     check.__doc__ = (
         f"Run every check of the role ``{role.role}``; raises CheckFailed if one fails, with ``all`` every one that "
         f"does.{further}"
@@ -517,14 +539,18 @@ def seeds_are_harmless(
         sequence.n_children_spawned == 0,
         f"{what}: spawned children of the given SeedSequence",
     )
-    require(draw(sequence) == first, f"{what}: the same SeedSequence gave two results")
+    require(
+        draw(sequence) == first, f"{what}: the same SeedSequence gave two results"
+    )
     if distinct == 4:
         other = np.random.SeedSequence(5, spawn_key=(3,))
         require(
             draw(other) != first,
             f"{what}: two children of one SeedSequence gave the same result",
         )
-    require(global_state() == before, f"{what}: draws from numpy's global random state")
+    require(
+        global_state() == before, f"{what}: draws from numpy's global random state"
+    )
 
 
 class Dimensions(NamedTuple):

@@ -128,7 +128,10 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 accepted.append(
                     (
                         surface,
-                        0.02 * light.modulus * surface.rms_slope * surface.nominal_area,
+                        0.02
+                        * light.modulus
+                        * surface.rms_slope
+                        * surface.nominal_area,
                     )
                 )
         require(
@@ -163,7 +166,8 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
 
         def ask(surface: Surface, load: float) -> Any:
             return lambda solver: [
-                of_map(one.solve(surface, load)) for one in (solver, solver.with_gap())
+                of_map(one.solve(surface, load))
+                for one in (solver, solver.with_gap())
             ]
 
         if isinstance(self.component, ContactTheory):
@@ -174,7 +178,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 )
                 yield (
                     f"a slope of {slope} under {load:g} nN",
-                    lambda theory, given=given: of_theory(theory.statistics(*given)),
+                    lambda theory, given=given: of_theory(
+                        theory.statistics(*given)
+                    ),
                 )
             return
         for number, (surface, load) in enumerate(self._solvable(surfaces)):
@@ -254,7 +260,8 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 f"two solutions of the same contact differ in their {name}",
             )
         require(
-            surface.heights.tobytes() == heights, "the heights of the surface changed"
+            surface.heights.tobytes() == heights,
+            "the heights of the surface changed",
         )
 
     calls_are_independent = independent_calls
@@ -289,7 +296,8 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
                 f"implements {name!r}, but the solution has none",
             )
         require(
-            solution.converged, "did not converge, and did not raise ConvergenceError"
+            solution.converged,
+            "did not converge, and did not raise ConvergenceError",
         )
         require(math.isfinite(solution.residual), f"residual {solution.residual}")
         require_plain(solution.provenance, "provenance")
@@ -302,7 +310,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
     @known
     def no_load_is_no_contact(self, surfaces: Sequence[Surface] = ()) -> None:
         """At load 0 no pixel is in contact, unless the surfaces adhere."""
-        for surface, _ in () if self.component.adheres else self._solvable(surfaces):
+        for surface, _ in (
+            () if self.component.adheres else self._solvable(surfaces)
+        ):
             solution = self.component.solve(surface, 0)
             require(
                 solution.sites.size == 0 and solution.load == 0,
@@ -327,7 +337,12 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
     def contact_cost_is_estimated(self) -> None:
         """``expected()`` returns finite numbers, from few or many properties of a surface."""
         few = {"nx": 64.0, "ny": 48.0}
-        many = {**few, "pixel_size": 0.5, "rms_slope": 0.1, "shortest_wavelength": 4.0}
+        many = {
+            **few,
+            "pixel_size": 0.5,
+            "rms_slope": 0.1,
+            "shortest_wavelength": 4.0,
+        }
         for surface, load in product(({}, few, many), (0.0, 1.0, 1e9)):
             what = f"expected({surface}, {load})"
             expected = self.component.expected(surface, load)
@@ -346,7 +361,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
     # -- where the contact is ------------------------------------------------------------------------------------------
 
     @_on_surfaces
-    def summits_touch_first(self, surface: Surface, solution: ContactSolution) -> None:
+    def summits_touch_first(
+        self, surface: Surface, solution: ContactSolution
+    ) -> None:
         """At a load of a fraction of a pixel's, the highest pixel carries it: heights are not upside down, mirrored,
         transposed or shifted by a pixel."""
         light = 1e-3 * solution.modulus * surface.rms_slope * surface.pixel_size**2
@@ -391,7 +408,10 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             )
             if turned is not None:
                 self._require_same(
-                    f"surface {what}", turned.pressure, turn(solution.pressure), 1e-2
+                    f"surface {what}",
+                    turned.pressure,
+                    turn(solution.pressure),
+                    1e-2,
                 )
 
     @_on_surfaces
@@ -447,7 +467,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             scaled = _accepted(
                 solver, surface.model_copy(update=changes), solution.load * size**2
             )
-            if scaled is not None:  # the solver needs no more than heights and radius
+            if (
+                scaled is not None
+            ):  # the solver needs no more than heights and radius
                 self._require_same(what, scaled.pressure, solution.pressure, 1e-3)
 
     @_on_surfaces
@@ -502,7 +524,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         )
 
     @known
-    def contact_obeys_the_half_space(self, surfaces: Sequence[Surface] = ()) -> None:
+    def contact_obeys_the_half_space(
+        self, surfaces: Sequence[Surface] = ()
+    ) -> None:
         """On rough surfaces the gap that follows from the pressure is zero in contact and positive outside, to within
         the ``declared_error``, so that a solution that is given up early is found. Where none is declared, the contact
         may be that of another model; if it is that of a half-space, it is with the modulus of the solution, with
@@ -523,7 +547,10 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         ):
             rough = rough_surface(shape, seed, periodic=periodic)
             surface = rough.model_copy(
-                update={"heights": 0.05 * rough.heights, "provenance": {"rough": seed}}
+                update={
+                    "heights": 0.05 * rough.heights,
+                    "provenance": {"rough": seed},
+                }
             )
             for force in (0.01, 0.1, 0.4):
                 solution = self._pressed(
@@ -546,7 +573,8 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         require(
             not found.rest < 0.03
             or (
-                math.isclose(found.modulus, 1.0, rel_tol=0.05) and found.overlap < 0.05
+                math.isclose(found.modulus, 1.0, rel_tol=0.05)
+                and found.overlap < 0.05
             ),
             f"a surface of {surface.shape} pixels under {solution.load:.4g} nN: the pressure is that of a half-space "
             f"whose modulus is {found.modulus:.3f} of the {solution.modulus:g} GPa that the solution has, with an "
@@ -563,7 +591,8 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
             update={"heights": surface.heights[: surface.shape[0] // 2]}
         )
         others = [
-            self.component.solve(surface, share * solution.load) for share in (0.5, 0)
+            self.component.solve(surface, share * solution.load)
+            for share in (0.5, 0)
         ]
         for start in (
             *others,
@@ -586,7 +615,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
 
     # -- speed, and grids ----------------------------------------------------------------------------------------------
 
-    def trade_is_from_fast_to_accurate(self, surfaces: Sequence[Surface] = ()) -> None:
+    def trade_is_from_fast_to_accurate(
+        self, surfaces: Sequence[Surface] = ()
+    ) -> None:
         """The values of each option of ``trade`` give the same contact, the last ones nearly so."""
         surface, load = self._solvable(surfaces)[0]
         for name, variants in self.trade_variants():
@@ -621,7 +652,9 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
         """``reference()`` returns a solver of the same class, with the same contact up to the errors of the
         component."""
         reference = self.component.reference()
-        require(isinstance(reference, self.cls), f"reference() returned {reference!r}")
+        require(
+            isinstance(reference, self.cls), f"reference() returned {reference!r}"
+        )
         away = difference(
             solution.pressure, reference.solve(surface, solution.load).pressure
         )
@@ -630,7 +663,10 @@ class ContactChecks(Checks[ContactSolver], of=ContactSolver):
     def odd_grids_are_solved(self) -> None:
         """Grids that are not square, odd, one pixel wide or one pixel are solved, or refused with an InputError."""
         for shape in ((15, 32), (9, 7), (1, 16), (1, 1)):
-            for surface in (rough_surface(shape), rough_surface(shape, periodic=False)):
+            for surface in (
+                rough_surface(shape),
+                rough_surface(shape, periodic=False),
+            ):
                 solution = _accepted(
                     self.component, surface, 1e-2 * surface.nominal_area
                 )
@@ -678,7 +714,10 @@ class TheoryChecks(Checks[ContactSolver], of=ContactSolver):
                 ("twice the modulus and load", 2, 1),
                 ("three times the lengths", 1, 3),
             ):
-                sizes = {"rms_height": 1.0 * length, "nominal_area": 1e6 * length**2}
+                sizes = {
+                    "rms_height": 1.0 * length,
+                    "nominal_area": 1e6 * length**2,
+                }
                 other = self.rescaled(stress=stress, length=length).statistics(
                     roughness.model_copy(update=sizes), stress * length**2 * load
                 )

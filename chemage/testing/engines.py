@@ -50,7 +50,9 @@ check_engine = whole(Engine)
 SITUATIONS = (
     *TRIALS,
     Trial(idle=70_000, hold_times=1, temperature=450.0),
-    Trial(idle=70_000, hold_times=1, spacing=0.5, coupled=False, start="after hold"),
+    Trial(
+        idle=70_000, hold_times=1, spacing=0.5, coupled=False, start="after hold"
+    ),
 )
 TWO_TIMES = Trial(hold_times=2)
 
@@ -89,9 +91,9 @@ class EngineChecks(Checks[Engine], of=Engine):
                 np.concatenate([np.roll(block, step) for block in blocks])
                 for step in (1, -1)
             )
-            fields["neighbours"] = np.argsort(order)[np.stack([after, before], axis=1)][
-                order
-            ]
+            fields["neighbours"] = np.argsort(order)[
+                np.stack([after, before], axis=1)
+            ][order]
             pairs = np.stack([pair, pair[before]], axis=1)[order].astype(precision)
             fields["coupling"] = pairs
         return ReactionLattice(pixels=(n, 1), **fields)
@@ -170,7 +172,9 @@ class EngineChecks(Checks[Engine], of=Engine):
         """Require that groups follow their master equation to ``time`` s, over many seeds, from their state ``begin``:
         their bonds at as many hold times as the trial has, and their states at the end."""
         copies, runs = self._trials(copies, runs)
-        runs = min(runs, 3) if trial.idle else runs  # which the simplest engines search
+        runs = (
+            min(runs, 3) if trial.idle else runs
+        )  # which the simplest engines search
         m, number = len(group.forming), trial.times.size
         first, times = 0.0, time * np.arange(1, number + 1) / number
         after, probabilities = where, np.zeros(0)
@@ -276,7 +280,8 @@ class EngineChecks(Checks[Engine], of=Engine):
             f"the last count is {bonds[-1]} bonds; the final state has {state.sum()}",
         )
         require(
-            np.array_equal(bonds, formed - broken), "bonds are not formed less broken"
+            np.array_equal(bonds, formed - broken),
+            "bonds are not formed less broken",
         )
         require(
             (np.diff([formed, broken]) >= 0).all(), "the numbers of events decrease"
@@ -290,7 +295,10 @@ class EngineChecks(Checks[Engine], of=Engine):
             f"wrong time or temperature: {history.time} s at {history.temperature} K; expected {times[-1]} s at 300 K",
         )
         # an engine that selects another one records which
-        kinds = {self.component.kind, *registry.current().kinds(self.component.role)}
+        kinds = {
+            self.component.kind,
+            *registry.current().kinds(self.component.role),
+        }
         require(
             history.engine in kinds,
             f"engine is {history.engine!r}, neither {self.component.kind!r} nor an installed one",
@@ -305,7 +313,12 @@ class EngineChecks(Checks[Engine], of=Engine):
                 self.component.interacting,
                 events=events,
             )
-            names = ("cpu_seconds", "cpu_seconds_least", "cpu_seconds_most", "bytes")
+            names = (
+                "cpu_seconds",
+                "cpu_seconds_least",
+                "cpu_seconds_most",
+                "bytes",
+            )
             require_estimates(f"expected({sites})", expected, *names)
 
     def error_is_declared(self) -> None:
@@ -332,12 +345,18 @@ class EngineChecks(Checks[Engine], of=Engine):
         graphs: list[dict[str, Any]] = [{}, {"breaking": np.empty(0)}]
         if self.component.interacting:
             graphs += [
-                {"neighbours": np.empty((0, k), np.int32), "coupling": np.empty((0, k))}
+                {
+                    "neighbours": np.empty((0, k), np.int32),
+                    "coupling": np.empty((0, k)),
+                }
                 for k in (0, 8)
             ]
         for graph in graphs:
             empty = ReactionLattice(
-                pixels=(3, 3), sites=np.empty(0, np.int64), forming=np.empty(0), **graph
+                pixels=(3, 3),
+                sites=np.empty(0, np.int64),
+                forming=np.empty(0),
+                **graph,
             )
             history = self._run(empty, [0, 1e5])
             require(
@@ -366,7 +385,9 @@ class EngineChecks(Checks[Engine], of=Engine):
         # the mean number of bonds formed by t, ∫ k_f (1 − θ) dt
         formed = forming * (times - (forming * times - theta) / total)
         for copies, number in (
-            ((48, 400), (600, 1), (1, 400)) if self.component.exact else ((LARGE, 8),)
+            ((48, 400), (600, 1), (1, 400))
+            if self.component.exact
+            else ((LARGE, 8),)
         ):
             lattice = single(forming, total - forming).lattice(copies)
             runs = [self._run(lattice, times, seed) for seed in range(number)]
@@ -472,7 +493,8 @@ class EngineChecks(Checks[Engine], of=Engine):
             "a repeated hold time changes the final state",
         )
         require(
-            at_zero.bonds[:2].tolist() == [0, 0], f"{at_zero.bonds[0]} bonds at time 0"
+            at_zero.bonds[:2].tolist() == [0, 0],
+            f"{at_zero.bonds[0]} bonds at time 0",
         )
         require(
             only.bonds.tolist() == [0] and only.events == 0 and only.time == 0,
@@ -542,7 +564,9 @@ class EngineChecks(Checks[Engine], of=Engine):
             (lowered, "lowers from 0.2 to -0.8 eV"),
             (raised, "raises from -0.3 to 0.03 eV"),
         ):
-            self._follows(f"over a barrier that a bonded neighbour {how}", group, 2e-13)
+            self._follows(
+                f"over a barrier that a bonded neighbour {how}", group, 2e-13
+            )
 
     # -- starting and going on -----------------------------------------------------------------------------------------
 
@@ -593,7 +617,9 @@ class EngineChecks(Checks[Engine], of=Engine):
             rest.hold_times.tolist() == [2.0, 2.0, 50.0],
             f"the hold times are {rest.hold_times}, not 2, 2 and 50 s",
         )
-        require(rest.time == 50.0, f"the time at the end is {rest.time} s, not 50 s")
+        require(
+            rest.time == 50.0, f"the time at the end is {rest.time} s, not 50 s"
+        )
         refuses("going back", lambda: self._run(lattice, [0.5], 6, first))
         refuses(
             "another lattice",
@@ -638,12 +664,15 @@ class EngineChecks(Checks[Engine], of=Engine):
     def sites_of_one_pixel_are_independent(self) -> None:
         """Two sites in one pixel, which do not interact, form their bonds independently (not of an approximate
         engine)."""
-        if not self.component.exact:  # it may choose the bonded sites without chance
+        if (
+            not self.component.exact
+        ):  # it may choose the bonded sites without chance
             return
         pixels = 2000
         sites = np.repeat(np.arange(pixels), 2)
         x = np.stack(
-            [sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)], axis=1
+            [sites + np.tile([0.25, 0.75], pixels), np.full(sites.size, 0.5)],
+            axis=1,
         )
         forming = np.full(sites.size, barrier(math.log(2)))
         lattice = ReactionLattice(
@@ -686,7 +715,10 @@ class EngineChecks(Checks[Engine], of=Engine):
         for number in (1, 5, 64, 99):
             first = self._run(lattice, times[:number], 8)
             for name in ("bonds", "formed", "broken"):
-                alone, with_more = getattr(first, name), getattr(whole, name)[:number]
+                alone, with_more = (
+                    getattr(first, name),
+                    getattr(whole, name)[:number],
+                )
                 require(
                     np.array_equal(alone, with_more),
                     f"{name} at the first {number} of 100 hold times: {alone[-3:]} at the last of them, and "
@@ -716,7 +748,9 @@ class EngineChecks(Checks[Engine], of=Engine):
                 rest = self._run(lattice, times[cut:], 6, kept)
                 where = f"continued from {times[cut - 1]} s"
                 for name in ("bonds", "formed", "broken"):
-                    mine = np.concatenate([getattr(first, name), getattr(rest, name)])
+                    mine = np.concatenate(
+                        [getattr(first, name), getattr(rest, name)]
+                    )
                     its = getattr(whole, name)
                     require(
                         np.array_equal(mine, its),
@@ -758,7 +792,9 @@ class EngineChecks(Checks[Engine], of=Engine):
     def trade_keeps_the_rates(self) -> None:
         """Every value of ``trade`` gives the right mean number of bonds, to within the declared error."""
         group, time = (
-            (coupled(), 1.0) if self.component.interacting else (single(2.0, 0.7), 0.3)
+            (coupled(), 1.0)
+            if self.component.interacting
+            else (single(2.0, 0.7), 0.3)
         )
         for _, variants in self.trade_variants():
             for what, variant in variants:

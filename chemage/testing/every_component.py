@@ -161,7 +161,9 @@ class ComponentChecks(Checks[Component], of=Component):
     def _accepted(self, name: str, value: Any) -> Any:
         """The option ``name`` at ``value``, with other options of ``trade`` at values that go with it."""
         others = {
-            other: values for other, values in self.cls.trade.items() if other != name
+            other: values
+            for other, values in self.cls.trade.items()
+            if other != name
         }
         refusal = None
         for combination in (
@@ -236,7 +238,8 @@ class ComponentChecks(Checks[Component], of=Component):
                 continue
             raise AssertionError(f"{name} can be set; a component is frozen")
         require(
-            component.digest() == before, "the digest changed although no option did"
+            component.digest() == before,
+            "the digest changed although no option did",
         )
 
     def options_go_round(self) -> None:
@@ -261,7 +264,9 @@ class ComponentChecks(Checks[Component], of=Component):
                 again = make()
                 same_hash = hash(again) == hash(component)
                 same_digest = again.digest() == component.digest()
-            require(again == component, f"{way} returned {again!r}, not {component!r}")
+            require(
+                again == component, f"{way} returned {again!r}, not {component!r}"
+            )
             require(
                 same_hash,
                 f"{way}: the hash differs; options must be hashable and compare by value",
@@ -354,7 +359,8 @@ def _drawn(
         f"{what} changes the list of results",
     )
     require(
-        axes.has_data() or not filled, f"{what} left the axes empty; draw the results"
+        axes.has_data() or not filled,
+        f"{what} left the axes empty; draw the results",
     )
     canvas.draw()
     return bytes(canvas.buffer_rgba())
@@ -435,9 +441,12 @@ class ComponentFigureChecks(Checks[Component], of=Component):
                 for what, drawn in results.items()
             }
             one, two = results["two results"]
-            for other in (replace(two, component=variant) for variant in others[:4]):
+            for other in (
+                replace(two, component=variant) for variant in others[:4]
+            ):
                 alone = [
-                    _drawn(self.component, name, [result]) for result in (two, other)
+                    _drawn(self.component, name, [result])
+                    for result in (two, other)
                 ]
                 require(
                     alone[0] == alone[1]
@@ -457,14 +466,17 @@ class ComponentFigureChecks(Checks[Component], of=Component):
         """Results to draw, by what they are."""
         component = self.component
         x = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-        surface = Surface(heights=np.cos(x)[:, None] + np.cos(2 * x), pixel_size=0.5)
+        surface = Surface(
+            heights=np.cos(x)[:, None] + np.cos(2 * x), pixel_size=0.5
+        )
         maps = Maps(contact_of(np.maximum(surface.heights - 0.5, 0.0)), surface)
         replica = Trial(hold_times=(0.1, 1.0, 10.0)).replica()
         with recording() as block:
             if isinstance(component, Rupture) and component.outputs:
                 component.force(with_states(replica))
         recorded = {
-            name: np.stack([made.declared.values] * 2) for name, made in block.items()
+            name: np.stack([made.declared.values] * 2)
+            for name, made in block.items()
         }
 
         def result(label: str, most: int, color: str) -> PlottedResult:

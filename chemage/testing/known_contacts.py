@@ -104,8 +104,12 @@ def sinusoid(axis: int, mean: float, pixels: int = 64, width: int = 6) -> Known:
         profile = full * (mean + np.cos(angle))
         name, error = "a sinusoid in full contact", 0.01
     else:
-        half = 0.5 * (angle[:, None] + (np.arange(32) - 15.5) / 32 * 2 * np.pi / pixels)
-        inside = np.sqrt(np.maximum(mean - np.sin(half) ** 2, 0.0))  # sin²(πa/λ) = mean
+        half = 0.5 * (
+            angle[:, None] + (np.arange(32) - 15.5) / 32 * 2 * np.pi / pixels
+        )
+        inside = np.sqrt(
+            np.maximum(mean - np.sin(half) ** 2, 0.0)
+        )  # sin²(πa/λ) = mean
         profile = (2 * full * np.abs(np.cos(half)) * inside).mean(axis=1)
         profile *= mean * full / profile.mean()
         name = f"a sinusoid at {mean:g} of the load of full contact (Westergaard)"

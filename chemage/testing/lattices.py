@@ -60,7 +60,13 @@ def _graph(
     given = np.array(neighbours)
     given.setflags(write=False)
     return neighbours, call_with(
-        component.coupling, sites, given, seed, pixels=grid, periodic=periodic, **where
+        component.coupling,
+        sites,
+        given,
+        seed,
+        pixels=grid,
+        periodic=periodic,
+        **where,
     )
 
 
@@ -102,7 +108,8 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         )
         falls = np.flatnonzero(np.diff(energy) < 0)
         require(
-            not falls.size, f"the quantile function falls at u = {uniform[falls[:1]]}"
+            not falls.size,
+            f"the quantile function falls at u = {uniform[falls[:1]]}",
         )
 
     def barriers_are_in_ev(self) -> None:
@@ -117,7 +124,11 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         )
         for name, unit in self.units().items():
             bound = getattr(self.component, name)
-            if name in ("lower", "upper") and isinstance(bound, float) and unit == "eV":
+            if (
+                name in ("lower", "upper")
+                and isinstance(bound, float)
+                and unit == "eV"
+            ):
                 end, beyond = (
                     (low, bound - low) if name == "lower" else (high, high - bound)
                 )
@@ -148,12 +159,19 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
             same = np.allclose(alone, energy[part], rtol=1e-13, atol=0)
             require(same, "a barrier depends on the other numbers in the call")
         grid = component.quantile(uniform.reshape(20, 50))
-        same = grid.shape == (20, 50) and np.allclose(grid.ravel(), energy, rtol=1e-13)
+        same = grid.shape == (20, 50) and np.allclose(
+            grid.ravel(), energy, rtol=1e-13
+        )
         require(same, "the barriers do not have the shape of the numbers")
         many = np.random.default_rng(2).random(70_000)
-        last, alone = component.quantile(many)[-100:], component.quantile(many[-100:])
+        last, alone = (
+            component.quantile(many)[-100:],
+            component.quantile(many[-100:]),
+        )
         same = np.allclose(last, alone, rtol=1e-13, atol=0)
-        require(same, "a barrier depends on the other numbers in a call with 70,000")
+        require(
+            same, "a barrier depends on the other numbers in a call with 70,000"
+        )
         require(
             component.quantile(np.empty(0)).shape == (0,),
             "no pixels: expected an empty array",
@@ -200,8 +218,12 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         and that have no members themselves: a run ages each of them."""
         component = self.component
         members, again = list(component.members(3)), component.members(3)
-        require(len(members) <= 3, f"members(3) returned {len(members)} distributions")
-        require(len(component.members(0)) == 0, "members(0) returned a distribution")
+        require(
+            len(members) <= 3, f"members(3) returned {len(members)} distributions"
+        )
+        require(
+            len(component.members(0)) == 0, "members(0) returned a distribution"
+        )
         uniform = np.linspace(0.005, 0.995, 199)
         own = component.quantile(uniform)
         for member, second in zip(members, again, strict=True):
@@ -243,7 +265,8 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
         """Every value of ``trade`` gives the median of the last to within a tenth."""
         for name, variants in self.trade_variants():
             medians = [
-                float(variant.quantile(np.array([0.5]))[0]) for _, variant in variants
+                float(variant.quantile(np.array([0.5]))[0])
+                for _, variant in variants
             ]
             require(
                 np.allclose(medians, medians[-1], rtol=0.1),
@@ -266,7 +289,10 @@ class BarriersChecks(Checks[Barriers], of=Barriers):
             ("the density", energies),
             ("that of other energies", energies + 0.011),
         ):
-            yield what, lambda barriers, energy=energy: barriers.density(energy.copy())
+            yield (
+                what,
+                lambda barriers, energy=energy: barriers.density(energy.copy()),
+            )
 
 
 class InteractionChecks(Checks[Interaction], of=Interaction):
@@ -288,16 +314,17 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
             }
             what = list(changed)[number - 14]
             yield f"half of a grid of {number}x9 pixels", ask(*plain)
-            yield f"half of a grid of {number}x9 pixels, {what}", ask(*changed[what])
+            yield (
+                f"half of a grid of {number}x9 pixels, {what}",
+                ask(*changed[what]),
+            )
 
     @known
     def graph_is_sound(self) -> None:
         """The graph is symmetric, with one energy per pair, no self-loops and no double edges, on all small grids."""
         for grid, periodic in product(_GRIDS, (True, False)):
             for sites in _patches_of_sites(grid):
-                where = (
-                    f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
-                )
+                where = f"{grid[0]}x{grid[1]} grid, periodic={periodic}, {sites.size} sites"
                 neighbours, coupling = _graph(self.component, grid, periodic, sites)
                 require(
                     neighbours.dtype == np.int32,
@@ -317,7 +344,10 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
                 }
                 with naming(where):
                     ReactionLattice(
-                        pixels=grid, sites=sites, forming=np.ones(sites.size), **fields
+                        pixels=grid,
+                        sites=sites,
+                        forming=np.ones(sites.size),
+                        **fields,
                     )
 
     def _pairs(
@@ -349,7 +379,9 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
             place = np.arange(nx * ny).reshape(nx, ny)
             # rows or columns may be staggered, so the graph must repeat after two
             for step in ((2, 0), (0, 2)):
-                moved = np.roll(place, (-step[0], -step[1]), (0, 1)).ravel().tolist()
+                moved = (
+                    np.roll(place, (-step[0], -step[1]), (0, 1)).ravel().tolist()
+                )
                 missing = sorted(
                     {(moved[a], moved[b]) for a, b in graph} - graph.keys()
                 )
@@ -442,7 +474,9 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
                 "are others than without positions",
             )
             shift = 0.25 * _PIXEL * np.array([1.0, 1.0])
-            places = np.stack([centres - shift, centres + shift], axis=1).reshape(-1, 2)
+            places = np.stack([centres - shift, centres + shift], axis=1).reshape(
+                -1, 2
+            )
             double = np.repeat(every, 2)
             neighbours, coupling = _graph(
                 self.component, grid, periodic, double, 3, _PIXEL, places
@@ -478,7 +512,8 @@ class InteractionChecks(Checks[Interaction], of=Interaction):
         """The same seed gives the same energies, other seeds give others or none does."""
         grid = (13, 11)
         seeds_are_harmless(
-            lambda seed: self._pairs(grid, True, _every_site(grid), seed), "coupling"
+            lambda seed: self._pairs(grid, True, _every_site(grid), seed),
+            "coupling",
         )
 
     def lengths_are_in_nm(self) -> None:

@@ -92,7 +92,9 @@ def _hazard(
     rate = (
         trial.attempt_frequency
         * left ** (1 / drive.exponent - 1)
-        * np.exp(-breaking / (KB * trial.temperature) * left ** (1 / drive.exponent))
+        * np.exp(
+            -breaking / (KB * trial.temperature) * left ** (1 / drive.exponent)
+        )
     )
     return (
         np.concatenate(
@@ -103,7 +105,9 @@ def _hazard(
 
 
 def _bytes(pulled: PullHistory) -> bytes:
-    return pulled.force.tobytes() + pulled.state.tobytes() + pulled.stretch.tobytes()
+    return (
+        pulled.force.tobytes() + pulled.state.tobytes() + pulled.stretch.tobytes()
+    )
 
 
 class PullingChecks(Checks[Pulling], of=Pulling):
@@ -253,7 +257,9 @@ class PullingChecks(Checks[Pulling], of=Pulling):
                 partners = _partners(trial, n)
                 barriers = partners.quantiles + partners.shift[:, None]
             thermal = KB * trial.temperature
-            waits = np.exp(barriers / thermal).mean(axis=-1) / trial.attempt_frequency
+            waits = (
+                np.exp(barriers / thermal).mean(axis=-1) / trial.attempt_frequency
+            )
             cycles = speed * np.atleast_1d(waits) + float(survival.sum())
             carried = float(stretch @ survival)
             expected = drive.bond_stiffness * float((carried / cycles).mean())
@@ -293,7 +299,9 @@ class PullingChecks(Checks[Pulling], of=Pulling):
                     if trial.start != "fresh":
                         first, start = 1e3, trial.before(lattice, state, 1e3)
                     times = first + 0.8 * np.arange(1, 4) / 3
-                    pulled = self._run(lattice, drive, times, trial, seed, start=start)
+                    pulled = self._run(
+                        lattice, drive, times, trial, seed, start=start
+                    )
                     counts += states(pulled.state[places], m)
                 chances = group.probabilities(
                     0.8, trial.temperature, trial.attempt_frequency
@@ -317,7 +325,9 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             )
             held = drive.bond_stiffness * float(pulled.stretch.sum()) + friction
             stiffness, force = spring or np.inf, pulled.force[-1]
-            moved = drive.speed * times - pulled.displacement - pulled.force / stiffness
+            moved = (
+                drive.speed * times - pulled.displacement - pulled.force / stiffness
+            )
             require(
                 np.allclose(moved, 0, atol=1e-9),
                 f"{where}: drive, slider and spring do not fit together",
@@ -339,7 +349,9 @@ class PullingChecks(Checks[Pulling], of=Pulling):
                 continue
             replica, lower = trial.replica(), 0.4 * trial.scale
             lattice = replica.lattice  # whose bonds are to form within the pull
-            lattice = lattice.model_copy(update={"forming": lattice.forming - lower})
+            lattice = lattice.model_copy(
+                update={"forming": lattice.forming - lower}
+            )
             change = {"spring": 100.0, "friction": 3.0} if number % 2 else {}
             drive, more = _drive(trial, partner=trial.partner, **change), {}
             if trial.partner == "new":
@@ -415,6 +427,7 @@ class PullingChecks(Checks[Pulling], of=Pulling):
         first = self._run(lattice, drive, [1e-5])
         refuses("bonds that last", lambda: self._run(lasting, drive, [1.0]))
         refuses(
-            "an earlier time", lambda: self._run(lattice, drive, [1e-6], start=first)
+            "an earlier time",
+            lambda: self._run(lattice, drive, [1e-6], start=first),
         )
         refuses("no partners", lambda: self._run(lattice, new, [1.0]))

@@ -127,7 +127,10 @@ def usual() -> list[tuple[str, Bonded]]:
     plain = Trial().replica()
     return [
         *(
-            (f"{bonded} of {n} sites bonded", Trial(sites=n, bonded=bonded).replica())
+            (
+                f"{bonded} of {n} sites bonded",
+                Trial(sites=n, bonded=bonded).replica(),
+            )
             for n, bonded in counts
         ),
         (
@@ -245,7 +248,9 @@ class ObservableChecks(Checks[Observable], of=Observable):
     def names_are_safe(self) -> None:
         """Names can be those of a variable in a file and of a column in a table: no slash, no control character, no
         blank at either end."""
-        for problem in map(file_problem, numbers(self.component, Trial().replica())):
+        for problem in map(
+            file_problem, numbers(self.component, Trial().replica())
+        ):
             require(not problem, f"{problem}; rename it")
 
     @known
@@ -256,9 +261,13 @@ class ObservableChecks(Checks[Observable], of=Observable):
         problems = declaration_problems(component.outputs)
         require(not problems, "; ".join(problems))
         for name, output in component.outputs.items():
-            with naming(f"output {name!r}: the unit {output.unit!r} cannot be read"):
+            with naming(
+                f"output {name!r}: the unit {output.unit!r} cannot be read"
+            ):
                 unit_registry().parse_units(output.unit)
-            require(output.description.strip(), f"output {name!r} has no description")
+            require(
+                output.description.strip(), f"output {name!r} has no description"
+            )
         for times in (
             ((0.0, 10.0), (0.0, 0.5, 2.0, 10.0, 10.0), (10.0,))
             if component.outputs
@@ -266,7 +275,9 @@ class ObservableChecks(Checks[Observable], of=Observable):
         ):
             checker = Checker("it", len(times))
             values = numbers(
-                component, Trial(hold_times=times).replica(), f"{len(times)} hold times"
+                component,
+                Trial(hold_times=times).replica(),
+                f"{len(times)} hold times",
             )
             with naming(f"{len(times)} hold times"):
                 checker.names(values, component.outputs)
@@ -284,10 +295,13 @@ class ObservableChecks(Checks[Observable], of=Observable):
                 f"{what} has other names: {sorted(values.keys() ^ names)}",
             )
             swapped = [
-                name for name, value in values.items() if value.shape[-2:] == grid[::-1]
+                name
+                for name, value in values.items()
+                if value.shape[-2:] == grid[::-1]
             ]
             require(
-                not swapped, f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}"
+                not swapped,
+                f"{what}: {', '.join(swapped)} has the shape {grid[::-1]}",
             )
 
     parts_may_be_absent = _parts_may_be_absent
@@ -422,7 +436,9 @@ class Single(Engine):
             states = np.array(found).reshape(hold_times.size, index.size)
         lost = -np.diff(states.sum(axis=1), prepend=0)
         broken: Any = np.cumsum(np.maximum(lost, 0))
-        return history_of(lattice, hold_times, states, temperature, self.kind, broken)
+        return history_of(
+            lattice, hold_times, states, temperature, self.kind, broken
+        )
 
 
 def _contacts() -> Iterator[tuple[str, ContactSolution]]:
@@ -549,7 +565,9 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             "threads",
         )
         options = {name: getattr(request, name) for name in fields}
-        return age(request.contact, request.chemistry, method=self.component, **options)
+        return age(
+            request.contact, request.chemistry, method=self.component, **options
+        )
 
     def questions(self) -> Questions:
         answered = attrgetter("bonds", "sites", "errors")
@@ -569,7 +587,9 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             "with another attempt frequency": {
                 "chemistry": _chemistry(attempt_frequency=7e12)
             },
-            "with fewer hydroxyl groups": {"chemistry": _chemistry(hydroxylation=0.8)},
+            "with fewer hydroxyl groups": {
+                "chemistry": _chemistry(hydroxylation=0.8)
+            },
         }
         for rows, (what, change) in enumerate(changes.items(), 17):
             yield f"a contact of {rows}x13 pixels", ask(rows)
@@ -585,7 +605,10 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
                 f"{what}: age() returned {type(aged).__name__}; give an AgedBonds",
             )
             shape = np.shape(aged.bonds)
-            expected = (REPLICAS if self.component.replicates else 1, METHOD_TIMES.size)
+            expected = (
+                REPLICAS if self.component.replicates else 1,
+                METHOD_TIMES.size,
+            )
             require(
                 shape == expected,
                 f"{what}: bonds have the shape {shape}; expected {expected}",
@@ -599,7 +622,10 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
         within the errors that the method states."""
         contacts = list(_contacts())
         cases = [*product(_CONDITIONS, contacts), *product(_FURTHER, contacts[:1])]
-        for (share, nu, volume, kelvin, pixel, times, more), (what, contact) in cases:
+        for (share, nu, volume, kelvin, pixel, times, more), (
+            what,
+            contact,
+        ) in cases:
             chemistry = _chemistry(
                 hydroxylation=share,
                 attempt_frequency=nu,
@@ -614,7 +640,10 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
             aging = self._aged(
                 _request(
-                    contact, chemistry=chemistry, temperature=kelvin, hold_times=times
+                    contact,
+                    chemistry=chemistry,
+                    temperature=kelvin,
+                    hold_times=times,
                 )
             )
             sites = share * chemistry.sites_of(contact).sites.size
@@ -638,9 +667,7 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
                 + (1e-3 + (self.component.declared_error or 0.0)) * exact
                 + 1e-9
             )
-            if (
-                self.component.replicates
-            ):  # replicas differ by their disorder as well: at most as Poisson numbers
+            if self.component.replicates:  # replicas differ by their disorder as well: at most as Poisson numbers
                 allowed += FAR * np.sqrt(exact / len(aging.bonds)) + 0.5
             at = int(np.argmax(np.abs(bonds - exact) - allowed))
             require(

@@ -58,7 +58,9 @@ def selftest() -> Iterator[PartOutcome]:
                 if getattr(check.function, "known", False)
             ]
             part = f"{component.role} {component.kind}"
-            if tests := [partial(check, ready) for check in known if not check.missing]:
+            if tests := [
+                partial(check, ready) for check in known if not check.missing
+            ]:
                 yield _outcome(part, tests)
             elif known:
                 unmade[part] = f"it needs {' and '.join(known[0].missing)}"
@@ -126,7 +128,9 @@ def _with_file(component: Any, folder: Path) -> tuple[Any, dict[str, Any]]:
     if endings[0] == ".npy":
         np.save(path, surface.heights)
     elif endings[0] == ".txt":
-        np.savetxt(path, surface.heights, header=f"pixel_size = {surface.pixel_size}")
+        np.savetxt(
+            path, surface.heights, header=f"pixel_size = {surface.pixel_size}"
+        )
     else:
         import h5py
 
@@ -145,7 +149,9 @@ def random_numbers_are_the_published_ones() -> None:
     """Philox4x32-10 at counter and key 0: known answers of Random123 1.14 (Salmon et al., SC'11, 16, 2011)."""
     words = random.philox(*(np.uint64(0) for _ in range(6)))
     expected = (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)
-    require(tuple(words) == expected, f"philox gives {[hex(word) for word in words]}")
+    require(
+        tuple(words) == expected, f"philox gives {[hex(word) for word in words]}"
+    )
 
 
 def files_give_back_what_was_written() -> None:
@@ -182,8 +188,12 @@ _DIGEST = "7e6fff3f2d1891139adce0feac1a830f"
 def bytes_are_the_known_ones() -> None:
     """Descriptions have the bytes, and records the digests, that they have everywhere."""
     sealed = container.sealed_json({"title": "selftest", "numbers": [1, 2.5, 1e-9]})
-    require(_SEALED in sealed.decode(), f"a description has other bytes: {sealed!r}")
+    require(
+        _SEALED in sealed.decode(), f"a description has other bytes: {sealed!r}"
+    )
     record = container.Arrays(
         values={"a": np.arange(6.0).reshape(2, 3), "b": np.arange(4)}
     )
-    require(record.digest() == _DIGEST, f"the digest of a record is {record.digest()}")
+    require(
+        record.digest() == _DIGEST, f"the digest of a record is {record.digest()}"
+    )

@@ -48,7 +48,9 @@ def evolved(
     span = math.ldexp(time, -doublings)
     steps = fastest * span
     jumps = np.where(
-        identity == 1.0, np.maximum(1.0 + generator / fastest, 0.0), generator / fastest
+        identity == 1.0,
+        np.maximum(1.0 + generator / fastest, 0.0),
+        generator / fastest,
     )
     power = chances = so_far = (
         identity  # the k-th power of the jumps, and the sum of those before
@@ -78,12 +80,16 @@ class Group:
     #: [i][j]: what a bond of j adds to the forming barrier of i
     pair: tuple[tuple[float, ...], ...] | None = None
 
-    def generator(self, temperature: float = TEMPERATURE, nu: float = NU) -> np.ndarray:
+    def generator(
+        self, temperature: float = TEMPERATURE, nu: float = NU
+    ) -> np.ndarray:
         """Rates (1/s) from every state to every other, (2**m, 2**m), columns sum to 0; bit i of a state is set where
         site i is bonded."""
         m = len(self.forming)
         pair = (
-            None if self.pair is None else np.array(self.pair, np.float32).astype(float)
+            None
+            if self.pair is None
+            else np.array(self.pair, np.float32).astype(float)
         )
         generator = np.zeros((2**m, 2**m))
         for state in range(2**m):
@@ -105,7 +111,9 @@ class Group:
         warm = temperature / TEMPERATURE
         shift = KB * temperature * math.log(nu / NU)
         forming, breaking = (
-            None if given is None else tuple(warm * energy + shift for energy in given)
+            None
+            if given is None
+            else tuple(warm * energy + shift for energy in given)
             for given in (self.forming, self.breaking)
         )
         pair = self.pair and tuple(
@@ -165,7 +173,9 @@ class Group:
 
 
 def reacting(
-    forming: Sequence[float], breaking: Sequence[float] | None = None, pair: Any = None
+    forming: Sequence[float],
+    breaking: Sequence[float] | None = None,
+    pair: Any = None,
 ) -> Group:
     """Sites with these rates (1/s) at 300 K."""
     over = None if breaking is None else tuple(barrier(breaking).tolist())
@@ -233,7 +243,9 @@ FLICKERING: dict[str, tuple[Group, float, float]] = {
         127.368,
     ),
     "1 by 2 hot sites": (
-        Group((2.61932, 1.84424), (9.74901, 4.39493), ((0.0, 1.94665), (1.94665, 0.0))),
+        Group(
+            (2.61932, 1.84424), (9.74901, 4.39493), ((0.0, 1.94665), (1.94665, 0.0))
+        ),
         2.69362e11,
         934.28,
     ),

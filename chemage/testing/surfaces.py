@@ -84,7 +84,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         )
         require(self.component.make() == surface, "make() and make(0) differ")
         require(
-            self.component.make(seed=0) == surface, "make(0) and make(seed=0) differ"
+            self.component.make(seed=0) == surface,
+            "make(0) and make(seed=0) differ",
         )
 
     def surface_follows_its_seed(self) -> None:
@@ -94,7 +95,9 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         )
         if self._random():
             for seed in (-1, 0.5):
-                refuses(f"make({seed})", lambda seed=seed: self.component.make(seed))  # pyright: ignore[reportArgumentType]
+                refuses(
+                    f"make({seed})", lambda seed=seed: self.component.make(seed)
+                )  # pyright: ignore[reportArgumentType]
 
     calls_are_independent = independent_calls
 
@@ -105,9 +108,12 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         for maker in self._grids():
             surface, pixels = maker.make(0), getattr(maker, "pixels", None)
             wanted = {
-                name: getattr(maker, name, None) for name in ("pixel_size", "periodic")
+                name: getattr(maker, name, None)
+                for name in ("pixel_size", "periodic")
             }
-            wanted["shape"] = (pixels, pixels) if isinstance(pixels, int) else pixels
+            wanted["shape"] = (
+                (pixels, pixels) if isinstance(pixels, int) else pixels
+            )
             for name, value in wanted.items():
                 its = getattr(surface, name)
                 if isinstance(value, float | bool | tuple):
@@ -124,7 +130,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                     mean = float(np.sqrt(np.mean(values**2)))
                     require(
                         abs(mean - value)
-                        <= 0.05 * value + 10 * float(values.std()) / math.sqrt(count),
+                        <= 0.05 * value
+                        + 10 * float(values.std()) / math.sqrt(count),
                         f"{name} = {value}, but surfaces of {surface.shape} pixels have {mean:.4g} (nm, or slopes of "
                         "the Fourier series where they are periodic)",
                     )
@@ -157,7 +164,9 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         except InputError:
             return
         surface = self.component.make(0)
-        if None in lengths.values() and np.array_equal(larger.heights, surface.heights):
+        if None in lengths.values() and np.array_equal(
+            larger.heights, surface.heights
+        ):
             return  # their unit is not among the options, but stated by a file
         require(
             larger.shape == surface.shape
@@ -182,7 +191,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
             if not is_number(radius) or min(surface.shape) < 8:
                 return
             x, y = (
-                (np.arange(n) - (n - 1) / 2) * surface.pixel_size for n in surface.shape
+                (np.arange(n) - (n - 1) / 2) * surface.pixel_size
+                for n in surface.shape
             )
             squared = x[:, None] ** 2 + y**2
             near = squared <= (4 * surface.pixel_size) ** 2
@@ -190,7 +200,9 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
             paraboloid = -squared / (2 * radius)
             away = float(np.ptp((heights - paraboloid)[near]))
             allowed = 0.05 * float(np.ptp(paraboloid[near]))
-            top = tuple(map(int, np.unravel_index(np.argmax(heights), surface.shape)))
+            top = tuple(
+                map(int, np.unravel_index(np.argmax(heights), surface.shape))
+            )
             require(
                 away <= allowed,
                 f"provenance has radius = {radius} nm, but near the middle of {surface.shape} pixels the heights are "
@@ -213,7 +225,10 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         ):
             return  # with an option of that name it is the user's statement
         seams = np.array(
-            [[_seam(surface.heights, axis) for axis in (0, 1)] for surface in surfaces]
+            [
+                [_seam(surface.heights, axis) for axis in (0, 1)]
+                for surface in surfaces
+            ]
         )
         for axis, worst in zip("xy", seams[:, :, 0].min(axis=0), strict=True):
             require(
@@ -264,7 +279,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                 )
                 squared = qx[:, None] ** 2 + qy**2
                 power = (
-                    np.abs(np.fft.fft2(surface.heights - np.mean(surface.heights))) ** 2
+                    np.abs(np.fft.fft2(surface.heights - np.mean(surface.heights)))
+                    ** 2
                     * squared
                 )
                 beyond = float(
@@ -301,7 +317,8 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
         if other is None:
             return
         require(
-            isinstance(other, SurfaceMaker), f"{how} returned {type(other).__name__}"
+            isinstance(other, SurfaceMaker),
+            f"{how} returned {type(other).__name__}",
         )
         fine, made = self.component.make(3), other.make(3)
         ratio = made.pixel_size / fine.pixel_size
@@ -370,7 +387,9 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
             )
         yield (
             "the roughness",
-            lambda maker: attrgetter("rms_slope", "rms_height")(maker.roughness(31)),
+            lambda maker: attrgetter("rms_slope", "rms_height")(
+                maker.roughness(31)
+            ),
         )
 
     def trade_keeps_the_surface(self) -> None:
@@ -385,7 +404,10 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                         np.multiply(other.shape, other.pixel_size), sides, rtol=0.01
                     )
                     and math.isclose(
-                        other.rms_height, last.rms_height, rel_tol=0.3, abs_tol=1e-12
+                        other.rms_height,
+                        last.rms_height,
+                        rel_tol=0.3,
+                        abs_tol=1e-12,
                     ),
                     f"trade of {name!r} is another surface and not one at another accuracy: {what} gives {other!r}, "
                     f"the last value {last!r}",
@@ -451,7 +473,9 @@ def _difference(found: np.ndarray, wanted: np.ndarray) -> str:
             elif not math.isclose(factor, 1, rel_tol=1e-3):
                 parts.append(f"{factor:.4g} times as large")
             elif not parts:
-                parts.append(f"{float(heights.mean() - wanted.mean()):.4g} nm higher")
+                parts.append(
+                    f"{float(heights.mean() - wanted.mean()):.4g} nm higher"
+                )
             return ": they are " + " and ".join(parts)
     return f": they differ by up to {np.abs(found - wanted).max():.3g} nm"
 
@@ -481,7 +505,9 @@ class ReaderChecks(Checks[Reader], of=Reader):
                 and ending == ending.lower()
                 and len(ending) > 1
             )
-            require(fits, f"{suffixes}: {ending!r} must be in lower case, with the dot")
+            require(
+                fits, f"{suffixes}: {ending!r} must be in lower case, with the dot"
+            )
         ending = Path(path or f"file{suffixes[0]}").suffix.lower()
         require(
             ending in suffixes,
@@ -500,7 +526,8 @@ class ReaderChecks(Checks[Reader], of=Reader):
                 good, suffix = read_bytes(path), Path(path).suffix
                 contents["truncated"] = good[: len(good) // 2]
             files = {
-                what: Path(name) / f"{what}{suffix}" for what in ("missing", *contents)
+                what: Path(name) / f"{what}{suffix}"
+                for what in ("missing", *contents)
             } | {"folder": Path(name)}
             for what, content in contents.items():
                 create(files[what], content)
@@ -562,7 +589,9 @@ class ReaderChecks(Checks[Reader], of=Reader):
             isinstance(read, Surface),
             f"read() returned {type(read).__name__}; expected a chemage.Surface",
         )
-        turned = ": x and y are swapped" if read.shape == surface.shape[::-1] else ""
+        turned = (
+            ": x and y are swapped" if read.shape == surface.shape[::-1] else ""
+        )
         require(
             read.shape == surface.shape,
             f"{read.shape} pixels (nx, ny), expected {surface.shape}{turned}",
@@ -642,7 +671,8 @@ class ReaderChecks(Checks[Reader], of=Reader):
             read = surface.heights.astype(np.float64)[there]
             away = float(
                 np.ptp(
-                    image.heights.astype(np.float64)[there] * image.height_unit - read
+                    image.heights.astype(np.float64)[there] * image.height_unit
+                    - read
                 )
             )
             require(

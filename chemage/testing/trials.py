@@ -197,7 +197,9 @@ class Trial:
         touching = np.sort(places[: wanted + 3 * (self.sites > 1)])
         pressure = np.zeros(pixels)
         pressure[touching] = rng.uniform(0.3, 3.0, touching.size)
-        return contact_of(pressure.reshape(self.pixels), self.periodic, self.pixel_size)
+        return contact_of(
+            pressure.reshape(self.pixels), self.periodic, self.pixel_size
+        )
 
     def chemistry(self, **options: Any) -> Chemistry:
         """Barriers of 0.8 to 1.4 eV to form and to break a bond, at 300 K and 1e13 Hz."""
@@ -219,7 +221,9 @@ class Trial:
         at the end, and a bond lasts; after a hold or a pull, three have broken."""
         contact, chemistry = self.contact(), self.chemistry()
         found = chemistry.sites_of(contact).sites
-        order = np.random.default_rng(self.sites).permutation(max(found.size - 1, 0))
+        order = np.random.default_rng(self.sites).permutation(
+            max(found.size - 1, 0)
+        )
         few = found[np.sort(np.append(order, found.size - 1)[::-1][: self.sites])]
         lattice = chemistry.on(contact, self.seed, sites=few)
         n, m = lattice.sites.size, self.times.size
@@ -231,7 +235,9 @@ class Trial:
             self.temperature,
             "by-hand",
             broken=3 * (self.start != "fresh"),
-            resume={"slips": np.arange(n) % 3} if self.start == "after pull" else {},
+            resume={"slips": np.arange(n) % 3}
+            if self.start == "after pull"
+            else {},
         )
         return Bonded(contact, chemistry, lattice, history)
 

@@ -72,7 +72,10 @@ def bonded_share(
     longest = float(hold_times.max(initial=0.0))
     # barriers that are crossed, and those whose share of crossings is in proportion to the rate
     crossed = (
-        int((np.log(max(chemistry.attempt_frequency * longest, 1.0)) + 40.0) * PER_KT)
+        int(
+            (np.log(max(chemistry.attempt_frequency * longest, 1.0)) + 40.0)
+            * PER_KT
+        )
         + MARGIN
     )
     highest = (
@@ -89,7 +92,8 @@ def bonded_share(
     nodes = max(crossed, min(crossed + shifts, highest))
     curves = _curves(chemistry, kt, hold_times.tobytes(), crossed, nodes, shifts)  # pyright: ignore[reportArgumentType]
     return (
-        interpolated(curves, np.minimum(shift, shifts - 2.0)) * chemistry.hydroxylation
+        interpolated(curves, np.minimum(shift, shifts - 2.0))
+        * chemistry.hydroxylation
     )
 
 
@@ -116,7 +120,12 @@ def grouped_bonds(
 
 @lru_cache(maxsize=32)
 def _curves(
-    chemistry: Chemistry, kt: float, times: bytes, crossed: int, nodes: int, shifts: int
+    chemistry: Chemistry,
+    kt: float,
+    times: bytes,
+    crossed: int,
+    nodes: int,
+    shifts: int,
 ) -> np.ndarray:
     """The share at ``shifts`` equal steps of the barrier, (shifts + 1, m); the first row is at one step above 0.
 
@@ -127,7 +136,9 @@ def _curves(
     forming = _weights(chemistry.forming.quantile(_ranks()[0]), step, nodes)
     share = _of_energy(chemistry, kt, hold_times, crossed, nodes)
     # barriers below 0 react as those at 0
-    below = np.concatenate([np.repeat(share[:1], shifts, axis=0), share, share[-1:]])
+    below = np.concatenate(
+        [np.repeat(share[:1], shifts, axis=0), share, share[-1:]]
+    )
     rows = [
         np.einsum("i,im->m", forming, below[shifts - j : shifts - j + nodes])
         for j in range(-1, shifts)
@@ -136,7 +147,11 @@ def _curves(
 
 
 def _of_energy(
-    chemistry: Chemistry, kt: float, hold_times: np.ndarray, crossed: int, nodes: int
+    chemistry: Chemistry,
+    kt: float,
+    hold_times: np.ndarray,
+    crossed: int,
+    nodes: int,
 ) -> np.ndarray:
     """The share of sites of one forming barrier, averaged over their breaking barriers, (nodes, m)."""
     energy = np.arange(nodes) / PER_KT
@@ -153,7 +168,10 @@ def _of_energy(
     sites = TwoState(forming[:, None], breaking)
     settled = sites.equilibrium * weights[chosen]
     return np.stack(
-        [np.einsum("ij,ij->i", settled, sites.relaxed(time)) for time in hold_times],
+        [
+            np.einsum("ij,ij->i", settled, sites.relaxed(time))
+            for time in hold_times
+        ],
         axis=1,
     )
 
@@ -167,7 +185,9 @@ def _ranks() -> tuple[np.ndarray, np.ndarray]:
         edges.append(np.linspace(0.5 ** (panel + 1), 0.5**panel, count + 1))
     ranks = np.concatenate([0.5 * (part[1:] + part[:-1]) for part in edges])
     weights = np.concatenate([np.diff(part) for part in edges])
-    return np.concatenate([ranks, 1 - ranks]), np.tile(weights / (2 * weights.sum()), 2)
+    return np.concatenate([ranks, 1 - ranks]), np.tile(
+        weights / (2 * weights.sum()), 2
+    )
 
 
 def _weights(energies: np.ndarray, step: float, nodes: int) -> np.ndarray:
@@ -314,7 +334,11 @@ class Setting:
             self.own_chemistry, self.contact(0, np.ones((4, 4), dtype=bool)), 0
         )
         history = run_kinetics(
-            self.engine, lattice, self.times[:1], temperature=self.temperature, seed=0
+            self.engine,
+            lattice,
+            self.times[:1],
+            temperature=self.temperature,
+            seed=0,
         )
         return Took(
             lattice.plugins | history.plugins,
@@ -413,7 +437,9 @@ def decades_of(hold_times: np.ndarray) -> tuple[int, int]:
     if not positive.size:
         return 0, 1
     first = math.floor(math.log10(float(positive.min())) + 1e-9)
-    return first, max(math.ceil(math.log10(float(positive.max())) - 1e-9), first + 1)
+    return first, max(
+        math.ceil(math.log10(float(positive.max())) - 1e-9), first + 1
+    )
 
 
 class _Samples:
@@ -462,7 +488,9 @@ class _Samples:
         place[lattice.sites] = np.minimum(
             np.count_nonzero(lattice.neighbours >= 0, axis=1), self.setting.most
         )
-        return place + (np.arange(SIDE * SIDE) % SIDE // BAND) * (self.setting.most + 1)
+        return place + (np.arange(SIDE * SIDE) % SIDE // BAND) * (
+            self.setting.most + 1
+        )
 
     def enough(self) -> Node:
         """The node from as many replicas as its accuracy needs."""
@@ -515,12 +543,16 @@ class _Samples:
     def _sums(self, place: np.ndarray, states: np.ndarray) -> np.ndarray:
         size = self.shape[0] * self.shape[1]
         counts = [
-            np.bincount(place[state], minlength=size) for state in states.astype(bool)
+            np.bincount(place[state], minlength=size)
+            for state in states.astype(bool)
         ]
         return np.stack(counts, axis=-1).reshape(*self.shape, len(states))
 
     def node(self) -> Node:
-        coupled, control = np.concatenate(self.coupled), np.concatenate(self.control)
+        coupled, control = (
+            np.concatenate(self.coupled),
+            np.concatenate(self.control),
+        )
         held = np.tile(self.held, (self.replicas, 1))[..., None]
         sites = np.maximum(held.sum(axis=0), 1.0)
         control = control - held * self.independent
@@ -539,7 +571,9 @@ class _Samples:
         share = values.sum(axis=0) / sites
         bands = len(coupled)
         error = (
-            np.sqrt(((values - held * share) ** 2).sum(axis=0) * bands / (bands - 1))
+            np.sqrt(
+                ((values - held * share) ** 2).sum(axis=0) * bands / (bands - 1)
+            )
             / sites
         )
         exact = np.where(self.independent > NONE, self.independent, np.inf)
@@ -561,7 +595,11 @@ class _Samples:
         the mean over the numbers of neighbours."""
         at = slice(None, None, PER_DECADE)
         alone = self.independent[at]
-        rim = math.sqrt(float(self.setting.most - 1)) if self.setting.most > 1 else 1.0
+        rim = (
+            math.sqrt(float(self.setting.most - 1))
+            if self.setting.most > 1
+            else 1.0
+        )
         several = (
             np.sqrt((node.error[1:-1, at] ** 2).mean(axis=0)) / rim
             if self.setting.most > 1
@@ -576,5 +614,7 @@ class _Samples:
         error = alone * np.stack([node.error[-1, at], several])
         sites = SIDE * SIDE * node.replicas
         return bool(
-            (error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)).all()
+            (
+                error <= self.setting.accuracy * np.maximum(share, RESOLVED / sites)
+            ).all()
         )

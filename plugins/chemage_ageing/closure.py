@@ -74,7 +74,9 @@ class Closure(AgeingMethod):
     replicates: ClassVar[bool] = False
     needs_map: ClassVar[bool] = False
     speed_only: ClassVar[tuple[str, ...]] = ("folder",)
-    trade: ClassVar[Mapping[str, tuple[float, ...]]] = {"accuracy": (0.02, 0.01, 0.005)}
+    trade: ClassVar[Mapping[str, tuple[float, ...]]] = {
+        "accuracy": (0.02, 0.01, 0.005)
+    }
 
     accuracy: float = Field(default=0.01, ge=1e-4, le=0.2)
     """relative standard error of the table, at each of its pressures and at each decade of time"""
@@ -133,12 +135,18 @@ class Closure(AgeingMethod):
         chemistry, times = request.chemistry, request.hold_times
         statistics = contact_statistics(request.contact, chemistry)
         per_area = chemistry.sites_per_area(request.contact)
-        sites = np.array([chemistry.hydroxylation * statistics.contact_area * per_area])
+        sites = np.array(
+            [chemistry.hydroxylation * statistics.contact_area * per_area]
+        )
         independent = bonded_share(
             chemistry, request.temperature, times, statistics.pressure
         )
         bonds = np.einsum("c,cm->m", statistics.area * per_area, independent)
-        error, notes, took = np.full(times.size, INDEPENDENT_ERROR), (), _table.Took()
+        error, notes, took = (
+            np.full(times.size, INDEPENDENT_ERROR),
+            (),
+            _table.Took(),
+        )
         source = f"at most {100 * INDEPENDENT_ERROR:g} %, of the quadrature"
         if chemistry.interaction is not None and statistics.pressure.size:
             changed, absolute, notes, took = self._interaction(
@@ -239,12 +247,19 @@ class Closure(AgeingMethod):
         else:
             present = _rim_of_statistics(statistics, per_area, setting.most)
             effective = (
-                np.zeros((*present.shape, request.hold_times.size)) + present[..., None]
+                np.zeros((*present.shape, request.hold_times.size))
+                + present[..., None]
             )
             effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
         return (
             *_changed(
-                part, change, np.abs(error), present, effective, independent, largest
+                part,
+                change,
+                np.abs(error),
+                present,
+                effective,
+                independent,
+                largest,
             ),
             notes,
             took,
@@ -268,7 +283,9 @@ class Closure(AgeingMethod):
             nodes |= kept
             missing = [number for number in needed if number not in nodes]
             notes = (
-                [f"{problem}, so that the table of ageing 'closure' is computed again"]
+                [
+                    f"{problem}, so that the table of ageing 'closure' is computed again"
+                ]
                 if problem
                 else []
             )
@@ -320,7 +337,9 @@ def _changed(
     )
     uneven = np.abs(
         alike.sum(axis=1)
-        - np.einsum("ck,cjm,kjm->cm", part, effective * independent[:, None], columns)
+        - np.einsum(
+            "ck,cjm,kjm->cm", part, effective * independent[:, None], columns
+        )
     ).sum(axis=0)
     return bonds, np.sqrt(
         table**2 + np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven) ** 2
@@ -389,7 +408,8 @@ def _rim_of_map(
         some = chosen[begin : begin + CHUNK]
         graph, own = lattice.neighbours[some], place[some]
         present += np.bincount(
-            own * (most + 1) + np.minimum(np.count_nonzero(graph >= 0, axis=1), most),
+            own * (most + 1)
+            + np.minimum(np.count_nonzero(graph >= 0, axis=1), most),
             minlength=present.size,
         )
         around = place[graph]
@@ -403,7 +423,9 @@ def _rim_of_map(
             )
             count = np.minimum(count, columns[-1])
             left = np.clip(
-                np.searchsorted(columns, count, side="right") - 1, 0, columns.size - 2
+                np.searchsorted(columns, count, side="right") - 1,
+                0,
+                columns.size - 2,
             )
             right = (count - columns[left]) / (columns[left + 1] - columns[left])
             at = own * columns.size + left

@@ -59,7 +59,9 @@ class Sample(AgeingMethod):
         "M. H. Hansen, W. N. Hurwitz, Ann. Math. Stat. 14, 333 (1943)",
     )
     bibtex: ClassVar[tuple[str, ...]] = (HANSEN,)
-    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {"share": (0.02, 0.05, 0.1, 0.2)}
+    trade: ClassVar[Mapping[str, tuple[Any, ...]]] = {
+        "share": (0.02, 0.05, 0.1, 0.2)
+    }
 
     share: Annotated[Any, Unit("", gt=0, le=0.5)]
     """share of the sites that each replica counts, on average; above one half, every site costs no more"""
@@ -105,7 +107,9 @@ class Sample(AgeingMethod):
         chemistry, contact = request.chemistry, request.solution
         touching = chemistry.sites_of(contact)
         if not touching.sites.size:
-            nothing = np.zeros((request.replicas, request.hold_times.size), np.int64)
+            nothing = np.zeros(
+                (request.replicas, request.hold_times.size), np.int64
+            )
             return AgedBonds(nothing, nothing[:, 0])
         windows = Windows.of(
             touching.shape, touching.periodic, touching.sites, self.window
@@ -135,7 +139,11 @@ class Sample(AgeingMethod):
 
         def follow(number: int) -> tuple[np.ndarray, int, Any]:
             replica = request.follow(number)
-            return replica.history.bonds, replica.lattice.sites.size, replica.origin()
+            return (
+                replica.history.bonds,
+                replica.lattice.sites.size,
+                replica.origin(),
+            )
 
         bonds, sites, origins = zip(*request.each(follow), strict=True)
         return AgedBonds.of(
@@ -220,7 +228,9 @@ class Sample(AgeingMethod):
         mean = estimates.mean(axis=0)
         reactive = sites * request.chemistry.hydroxylation
         part = 100 * np.mean(followed) / reactive
-        notes = [f"{count} windows a replica; {part:.2g} % of the sites were followed"]
+        notes = [
+            f"{count} windows a replica; {part:.2g} % of the sites were followed"
+        ]
         if (few & (total > 0)).any():
             last = request.hold_times[few & (total > 0)].max()
             notes.append(
@@ -291,7 +301,10 @@ class Windows(NamedTuple):
         """Draw ``count`` windows with replacement, each with a probability in proportion to its sites: (count,) int64,
         positions in :attr:`squares`."""
         ends = np.cumsum(self.held)
-        lots = random.uniforms(seed, random.stream(STREAM), np.arange(count)) * ends[-1]
+        lots = (
+            random.uniforms(seed, random.stream(STREAM), np.arange(count))
+            * ends[-1]
+        )
         return np.minimum(np.searchsorted(ends, lots, side="right"), ends.size - 1)
 
     def sites_around(self, chosen: np.ndarray, margin: int) -> np.ndarray:

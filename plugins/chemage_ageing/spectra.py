@@ -51,7 +51,9 @@ class BarrierSpectrum(Observable):
             ("barrier",), "1/eV", "density per site before any bond has formed"
         ),
         "barriers_open": Output(
-            ("barrier",), "1/eV", "density per site of the sites unbonded at the end"
+            ("barrier",),
+            "1/eV",
+            "density per site of the sites unbonded at the end",
         ),
         "barriers_bonded": Output(
             ("barrier",),
@@ -76,7 +78,10 @@ class BarrierSpectrum(Observable):
         return self
 
     def measure(
-        self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
+        self,
+        contact: ContactSolution,
+        lattice: ReactionLattice,
+        history: BondHistory,
     ) -> Mapping[str, np.ndarray]:
         """Compute the bin edges, (bins + 1,) eV, and three densities per site of the lattice, (bins,) 1/eV."""
         edges = np.linspace(self.lower, self.upper, self.bins + 1)
@@ -88,7 +93,11 @@ class BarrierSpectrum(Observable):
             ]  # slot -1 reads the appended False
             now += np.sum(lattice.coupling, axis=1, where=taken, dtype=np.float64)
 
-        spectra = {"start": forming, "open": now[~bonded], "bonded": forming[bonded]}
+        spectra = {
+            "start": forming,
+            "open": now[~bonded],
+            "bonded": forming[bonded],
+        }
         densities = {
             f"barriers_{name}": _density(values, edges, forming.size)
             for name, values in spectra.items()
@@ -106,7 +115,11 @@ class BarrierSpectrum(Observable):
                 intrinsic = result.chemistry.forming.density(energy)
                 if np.isfinite(intrinsic).all():
                     axes.plot(
-                        energy, intrinsic, color=figures.GREY, lw=1.2, label="intrinsic"
+                        energy,
+                        intrinsic,
+                        color=figures.GREY,
+                        lw=1.2,
+                        label="intrinsic",
                     )
             for name, colour, dashes, label in _lines(result, alone):
                 density = measured[f"barriers_{name}"].mean(axis=0)
@@ -135,7 +148,9 @@ def _lines(result: Observed, alone: bool) -> list[tuple[str, str, str, str]]:
             ("start", result.color, "-", result.label),
             ("open", result.color, "--", unbonded),
         ]
-    lowered = result.chemistry is not None and result.chemistry.activation_volume > 0
+    lowered = (
+        result.chemistry is not None and result.chemistry.activation_volume > 0
+    )
     return [
         (
             "start",
@@ -160,9 +175,13 @@ class PressureSpectrum(Observable):
         "pressure_edges": Output(
             ("pressure_edge",), "GPa", "edges of the bins of the pressure"
         ),
-        "pressures": Output(("pressure",), "1/GPa", "density per site of all sites"),
+        "pressures": Output(
+            ("pressure",), "1/GPa", "density per site of all sites"
+        ),
         "pressures_bonded": Output(
-            ("pressure",), "1/GPa", "density per site of the sites bonded at the end"
+            ("pressure",),
+            "1/GPa",
+            "density per site of the sites bonded at the end",
         ),
     }
 
@@ -172,7 +191,10 @@ class PressureSpectrum(Observable):
     """number of bins of equal width"""
 
     def measure(
-        self, contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
+        self,
+        contact: ContactSolution,
+        lattice: ReactionLattice,
+        history: BondHistory,
     ) -> Mapping[str, np.ndarray]:
         """Compute the bin edges, (bins + 1,) GPa, and two densities per site of the lattice, (bins,) 1/GPa."""
         edges = np.linspace(0.0, self.upper, self.bins + 1)
@@ -181,5 +203,7 @@ class PressureSpectrum(Observable):
         return {
             "pressure_edges": edges,
             "pressures": _density(pressure, edges, pressure.size),
-            "pressures_bonded": _density(pressure[history.state], edges, pressure.size),
+            "pressures_bonded": _density(
+                pressure[history.state], edges, pressure.size
+            ),
         }

@@ -95,11 +95,17 @@ class Gaussian(Barriers):
         # Both tails are sums of positive terms, Φ(x) = (1 − u)Φ(a) + uΦ(b) and likewise 1 − Φ(x): no cancellation.
         with np.errstate(divide="ignore"):
             left, right = np.log1p(-u), np.log(u)
-        below = np.logaddexp(left + special.log_ndtr(a), right + special.log_ndtr(b))
-        above = np.logaddexp(left + special.log_ndtr(-a), right + special.log_ndtr(-b))
+        below = np.logaddexp(
+            left + special.log_ndtr(a), right + special.log_ndtr(b)
+        )
+        above = np.logaddexp(
+            left + special.log_ndtr(-a), right + special.log_ndtr(-b)
+        )
         lower_half = below < above
         x = special.ndtri_exp(np.where(lower_half, below, above))
-        return np.clip(self.mean + self.std * np.where(lower_half, x, -x), low, high)
+        return np.clip(
+            self.mean + self.std * np.where(lower_half, x, -x), low, high
+        )
 
     def density(self, energy: np.ndarray) -> np.ndarray:
         e = doubles(energy, "eV")
@@ -121,10 +127,13 @@ class Gaussian(Barriers):
         a, b = self._cuts()
         if (b - a) * max(1.0, abs(a), abs(b)) < 1e-5:
             # so narrow that differences of the two tails cancel, and that the midpoint is exact to 1e-11
-            return math.log(b - a) - 0.125 * (a + b) ** 2 - 0.5 * math.log(2 * math.pi)
+            return (
+                math.log(b - a) - 0.125 * (a + b) ** 2 - 0.5 * math.log(2 * math.pi)
+            )
         if a <= 0 <= b:
             return math.log(
-                0.5 * (special.erf(b / math.sqrt(2)) - special.erf(a / math.sqrt(2)))
+                0.5
+                * (special.erf(b / math.sqrt(2)) - special.erf(a / math.sqrt(2)))
             )
         if a > 0:
             a, b = -b, -a
@@ -152,12 +161,16 @@ class Uniform(Barriers):
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:
         u = doubles(uniform)
-        return np.clip(self.lower * (1.0 - u) + self.upper * u, self.lower, self.upper)
+        return np.clip(
+            self.lower * (1.0 - u) + self.upper * u, self.lower, self.upper
+        )
 
     def density(self, energy: np.ndarray) -> np.ndarray:
         e = doubles(energy, "eV")
         return np.where(
-            (e >= self.lower) & (e <= self.upper), 1.0 / (self.upper - self.lower), 0.0
+            (e >= self.lower) & (e <= self.upper),
+            1.0 / (self.upper - self.lower),
+            0.0,
         )
 
 
@@ -166,7 +179,9 @@ Doubles = NDArray[np.float64]
 
 def _listed(value: Any) -> Any:
     return (
-        np.asarray(value).ravel().tolist() if isinstance(value, np.ndarray) else value
+        np.asarray(value).ravel().tolist()
+        if isinstance(value, np.ndarray)
+        else value
     )
 
 
@@ -383,7 +398,9 @@ class Tabulated(Barriers):
     """barriers in ``energy_unit``, in any order, for example from molecular dynamics"""
     path: FilePath | None = None
     """text file with ``energies`` and ``weights``, or with ``samples``"""
-    energy_unit: Annotated[Any, Unit("eV", gt=0), BeforeValidator(_named_unit)] = 1.0
+    energy_unit: Annotated[Any, Unit("eV", gt=0), BeforeValidator(_named_unit)] = (
+        1.0
+    )
     """unit of the given energies: its name, such as "meV", or its value in eV; default: 1 eV"""
 
     _distribution: PiecewiseLinearDensity | EmpiricalQuantile = PrivateAttr()
@@ -396,7 +413,8 @@ class Tabulated(Barriers):
         ):
             return options
         if any(
-            options.get(name) is not None for name in ("energies", "weights", "samples")
+            options.get(name) is not None
+            for name in ("energies", "weights", "samples")
         ):
             return options  # refused below
         columns = parse_columns(tables.read_text(path), str(path)).T

@@ -38,7 +38,9 @@ def _pixels_in(sites: np.ndarray) -> np.ndarray:
         raise InputError(
             f"sites: {listed.dtype} of shape {listed.shape}; give a list of pixel indices"
         )
-    if listed.size and not (int(listed.min()) >= 0 and int(listed.max()) < MOST_PIXELS):
+    if listed.size and not (
+        int(listed.min()) >= 0 and int(listed.max()) < MOST_PIXELS
+    ):
         raise InputError(
             f"sites: from {listed.min()} to {listed.max()}; pixel indices are from 0 to {MOST_PIXELS - 1}"
         )
@@ -159,7 +161,9 @@ class MeanForce(Rupture):
     def force(self, bonded: Bonded) -> np.ndarray:
         """Force in nN, (m,)."""
         force = (
-            bonded.chemistry.bond_force if self.bond_force is None else self.bond_force
+            bonded.chemistry.bond_force
+            if self.bond_force is None
+            else self.bond_force
         )
         factor = (
             bonded.chemistry.front_factor

@@ -40,7 +40,9 @@ def _distribution(
         )
     density = table.density if member == 0 else table.samples[member - 1]
     integral = float(np.trapezoid(density, table.energies))
-    inside = PiecewiseLinearDensity(table.energies, density) if integral > 0 else None
+    inside = (
+        PiecewiseLinearDensity(table.energies, density) if integral > 0 else None
+    )
     return inside, min(integral, 1.0), float(table.energies[-1]) + _GAP
 
 
@@ -90,7 +92,9 @@ class Inferred(Barriers):
         )
         if inside is None:
             return beyond
-        return np.where(u < share, inside.quantile(np.minimum(u / share, 1.0)), beyond)
+        return np.where(
+            u < share, inside.quantile(np.minimum(u / share, 1.0)), beyond
+        )
 
     def density(self, energy: np.ndarray) -> np.ndarray:
         """Probability density (1/eV) at ``energy`` (eV), same shape."""

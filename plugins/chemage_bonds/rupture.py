@@ -99,7 +99,8 @@ class Ramp(NamedTuple):
             1 - self.exponent * force / np.maximum(barrier, 1e-300), 0.0, 1.0
         )
         lowered = np.minimum(
-            barrier * -np.expm1(np.log(np.maximum(share, 1e-300)) / self.exponent), top
+            barrier * -np.expm1(np.log(np.maximum(share, 1e-300)) / self.exponent),
+            top,
         )
         grown = self.attempts * np.exp(lowered - barrier) * -np.expm1(-lowered)
         beyond = np.clip(force, corner, end) - corner
@@ -141,8 +142,12 @@ class Ramp(NamedTuple):
                 if self.exponent < 1
                 else 1.0
             )
-            survival = np.exp(np.exp(log_unit[:, None] + lowered) * np.expm1(-lowered))
-            total += np.einsum("...i,i->...", slopes * survival, weights) * half[:, 0]
+            survival = np.exp(
+                np.exp(log_unit[:, None] + lowered) * np.expm1(-lowered)
+            )
+            total += (
+                np.einsum("...i,i->...", slopes * survival, weights) * half[:, 0]
+            )
         corner, end = self.force(top), self.barrier / self.exponent
         at_corner = np.exp(
             -self.attempts * np.exp(top - self.barrier) * -np.expm1(-top)
@@ -188,12 +193,16 @@ class UnderForce(Rupture):
     @model_validator(mode="after")
     def _loaded(self) -> Self:
         given = [
-            name for name in ("speed", "stiffness") if getattr(self, name) is not None
+            name
+            for name in ("speed", "stiffness")
+            if getattr(self, name) is not None
         ]
         if (self.loading_rate is None) != (len(given) == 2) or (
             self.loading_rate is not None and given
         ):
-            raise ValueError("give either loading_rate, or both speed and stiffness")
+            raise ValueError(
+                "give either loading_rate, or both speed and stiffness"
+            )
         return self
 
     @property
@@ -211,13 +220,18 @@ class UnderForce(Rupture):
     ) -> Ramp:
         """Bonds with these ``barriers`` (n,) eV at ``temperature`` (K) under the loading rate."""
         thermal = KB * temperature / EV_PER_GPA_NM3 / self.transition_distance
-        barrier = np.maximum(np.asarray(barriers, np.float64), 0.0) / (KB * temperature)
+        barrier = np.maximum(np.asarray(barriers, np.float64), 0.0) / (
+            KB * temperature
+        )
         return Ramp(
             barrier, self.exponent, thermal, attempt_frequency * thermal / self.rate
         )
 
     def mean_forces(
-        self, barriers: np.ndarray, temperature: float, attempt_frequency: float = 1e13
+        self,
+        barriers: np.ndarray,
+        temperature: float,
+        attempt_frequency: float = 1e13,
     ) -> np.ndarray:
         """The mean rupture force of a bond over each of ``barriers`` (n,) eV: (n,) nN. ``temperature`` in K, ν₀ in
         Hz."""
@@ -254,7 +268,9 @@ class UnderForce(Rupture):
         """The forces up to which the strongest barrier of the chemistry carries, and the density of ``barriers``."""
         nu, breaking = bonded.lattice.attempt_frequency, bonded.chemistry.breaking
         highest = (
-            1.0 if breaking is None else float(breaking.quantile(np.array([0.9999]))[0])
+            1.0
+            if breaking is None
+            else float(breaking.quantile(np.array([0.9999]))[0])
         )
         end = 1.2 * float(
             self.mean_forces(np.array([highest]), bonded.temperature, nu)[0]
@@ -280,12 +296,17 @@ class UnderForce(Rupture):
         if chemistry.breaking is None:
             raise InputError(self._lasting())
         barrier = max(float(chemistry.breaking.quantile(np.array([0.5]))[0]), 0.0)
-        ramp = self.ramp(np.array([barrier]), temperature, chemistry.attempt_frequency)
+        ramp = self.ramp(
+            np.array([barrier]), temperature, chemistry.attempt_frequency
+        )
         mean = float(self._mean(ramp)[0]) * ramp.thermal
         most = ramp.thermal * float(ramp.barrier[0]) / self.exponent
         about = f"rupture {self.kind!r}: over a barrier of {barrier:.3g} eV at {temperature:g} K"
         doubts = []
-        if "bond_force" in chemistry.model_fields_set and chemistry.bond_force > most:
+        if (
+            "bond_force" in chemistry.model_fields_set
+            and chemistry.bond_force > most
+        ):
             least = most * self.transition_distance / chemistry.bond_force
             doubts.append(
                 f"{about} a bond with transition_distance = {self.transition_distance:g} nm breaks at {mean:.3g} nN "
@@ -305,7 +326,9 @@ class UnderForce(Rupture):
             )
         return doubts
 
-    def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
+    def draw(
+        self, figure: str, axes: Axes, results: Sequence[PlottedResult]
+    ) -> None:
         """Draw the distribution of the rupture forces of each result, mean over its replicas."""
         end = 0.0
         for result in results:
@@ -318,7 +341,9 @@ class UnderForce(Rupture):
             grid = measured["bond_force_grid"][0]
             density = measured["bond_force_density"].mean(axis=0)
             axes.plot(grid, density, color=result.color, lw=1.4, label=result.label)
-            end = max(end, float(grid[density > 1e-3 * density.max()].max(initial=0.0)))
+            end = max(
+                end, float(grid[density > 1e-3 * density.max()].max(initial=0.0))
+            )
         axes.set(
             xlabel="rupture force of a bond (nN)",
             ylabel="probability density (1/nN)",

@@ -137,12 +137,16 @@ class Adhesive:
         self.transforms += 1
         self.team.run(kernels.multiply, spectrum.shape[0], spectrum, symbol)
         return np.asarray(
-            sfft.irfft2(spectrum, s=self.padded, workers=self.workers, overwrite_x=True)
+            sfft.irfft2(
+                spectrum, s=self.padded, workers=self.workers, overwrite_x=True
+            )
         )
 
     def sums(self, kernel: Any, columns: int, *args: Any) -> list[float]:
         return (
-            self.team.table(kernel, self.padded[0], columns, *args).sum(axis=0).tolist()
+            self.team.table(kernel, self.padded[0], columns, *args)
+            .sum(axis=0)
+            .tolist()
         )
 
     def undeformed(self) -> tuple[Array, float]:
@@ -220,11 +224,13 @@ class Adhesive:
         free = not self.floating
         mean = 0.0 if free or self.pressure is None else self.pressure
         if not free and self.pressure is None:
-            total, count = self.sums(cohesion.balance, 2, x, p, self.law, self.shape)
+            total, count = self.sums(
+                cohesion.balance, 2, x, p, self.law, self.shape
+            )
             mean = -total / count if count else 0.0
         r = np.empty(self.padded)
-        rr, pp, force, up, attracted, gaps, contact, level, count, borne = self.sums(
-            cohesion.gradient, 10, x, p, self.h, rise, mean, self.law, r
+        rr, pp, force, up, attracted, gaps, contact, level, count, borne = (
+            self.sums(cohesion.gradient, 10, x, p, self.h, rise, mean, self.law, r)
         )
         pixels = math.prod(self.shape)
         excess = 0.0
@@ -237,7 +243,9 @@ class Adhesive:
         residual = max(rr - shift * level, 0.0)
         pp = max(pp, (FAINT * self.law.work / self.law.range) ** 2 * pixels)
         error = (
-            math.sqrt(residual / pp) if pp > 0 else (0.0 if residual == 0 else math.inf)
+            math.sqrt(residual / pp)
+            if pp > 0
+            else (0.0 if residual == 0 else math.inf)
         )
         if excess:
             error = max(error, LOAD * abs(excess) / borne if borne else math.inf)
@@ -258,7 +266,9 @@ class Adhesive:
             contact,
         )
 
-    def minimise(self, x: Array, rise: float, tolerance: float, limit: int) -> Iterate:
+    def minimise(
+        self, x: Array, rise: float, tolerance: float, limit: int
+    ) -> Iterate:
         """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence.
 
         Beyond the tolerance the iteration goes on (``FINER``): :attr:`ends` has both ends.
@@ -273,7 +283,10 @@ class Adhesive:
             if reached is None and here.error <= tolerance:
                 reached = here
                 limit = self.iterations + max(LEAST, int(MORE * self.iterations))
-            if here.error <= FINER * tolerance and max(self.history[-3:]) <= tolerance:
+            if (
+                here.error <= FINER * tolerance
+                and max(self.history[-3:]) <= tolerance
+            ):
                 break
             self.iterations += 1
             if (self.iterations - 1) % SETTLED == 0:
@@ -284,7 +297,9 @@ class Adhesive:
             shift = here.open_sum
             rz, bz, zs = self.sums(cohesion.products, 3, here.r, before, z, shift)
             level = (
-                zs / here.open_count if self.floating and self.pressure is None else 0.0
+                zs / here.open_count
+                if self.floating and self.pressure is None
+                else 0.0
             )
             pull = here.excess / self.punch
             now = rz + here.excess * pull
@@ -297,7 +312,9 @@ class Adhesive:
             ds = -pull + beta * ds
             slope += here.excess * ds
             if not slope < 0 and beta > 0:
-                (slope,) = self.sums(cohesion.direction, 1, here.r, z, level, 0.0, d)
+                (slope,) = self.sums(
+                    cohesion.direction, 1, here.r, z, level, 0.0, d
+                )
                 ds = -pull
                 slope += here.excess * ds
             size, before, before_excess = now, here.r, here.excess
@@ -340,7 +357,9 @@ class Adhesive:
         mean = 0.5 * self.uniform * (self.pressure or 0.0) * math.prod(self.shape)
         return energy + mean, 0.5 * (energy - (here.terms - abs(work)))
 
-    def step(self, here: Iterate, d: Array, ds: float, slope: float) -> Iterate | None:
+    def step(
+        self, here: Iterate, d: Array, ds: float, slope: float
+    ) -> Iterate | None:
         """The lowest point along the direction; None if none is lower."""
         if not slope < 0:
             return None
@@ -390,7 +409,9 @@ class Adhesive:
             if abs(rest) <= -FLAT * slope:
                 break
             bend = curvature + second
-            length = length - rest / bend if bend > 0.1 * curvature else 2.0 * length
+            length = (
+                length - rest / bend if bend > 0.1 * curvature else 2.0 * length
+            )
             length = max(length, 0.0) or -slope / (curvature or 1.0)
         return length
 

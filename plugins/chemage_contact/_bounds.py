@@ -68,11 +68,15 @@ def ranked(x: Array, first: int, last: int) -> tuple[float, float]:
 
 def projected(q: Array, mean: float = 1.0, hardness: float | None = None) -> Array:
     """The nearest array to q that has the given mean, no negative entry, and none above ``hardness``."""
-    admissible = np.maximum(q - np.float64(shift_to(q, mean * q.size, hardness)), 0.0)
+    admissible = np.maximum(
+        q - np.float64(shift_to(q, mean * q.size, hardness)), 0.0
+    )
     return admissible if hardness is None else np.minimum(admissible, hardness)
 
 
-def restored(p: Array, total: float, load: float, hardness: Any, team: Team) -> float:
+def restored(
+    p: Array, total: float, load: float, hardness: Any, team: Team
+) -> float:
     """Make p (nx, ny), which is within its bounds and adds up to ``total``, add up to ``load``, in place; returns its
     sum.
 

@@ -132,8 +132,20 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
             s3 += x[i, j] * value
             s7 += value
             s8 += 1.0
-        part[i, 0], part[i, 1], part[i, 2], part[i, 3], part[i, 4] = s0, s1, s2, s3, s4
-        part[i, 5], part[i, 6], part[i, 7], part[i, 8], part[i, 9] = s5, s6, s7, s8, s9
+        part[i, 0], part[i, 1], part[i, 2], part[i, 3], part[i, 4] = (
+            s0,
+            s1,
+            s2,
+            s3,
+            s4,
+        )
+        part[i, 5], part[i, 6], part[i, 7], part[i, 8], part[i, 9] = (
+            s5,
+            s6,
+            s7,
+            s8,
+            s9,
+        )
 
 
 @kernel(**_OPTIONS)

@@ -181,7 +181,8 @@ class Descent:
             target = self.tolerance * self._scale()
             trusted = self._trusted()
             stop = (
-                not math.isfinite(self.standing.error) or self.iteration >= self.limit
+                not math.isfinite(self.standing.error)
+                or self.iteration >= self.limit
             )
             stop = stop or not self._progress()
             if self.standing.error < target or stop:
@@ -259,7 +260,9 @@ class Descent:
         """Rounding error of the gap in the precision of the state: of the pressures, and of the displacement."""
         grid, p = self.grid, self.standing.norm / math.sqrt(self.state.p.size)
         eps = float(np.finfo(grid.state).eps)
-        return eps * (grid.stiffness * grid.operator.response * p + abs(self._offset()))
+        return eps * (
+            grid.stiffness * grid.operator.response * p + abs(self._offset())
+        )
 
     def _offset(self) -> float:
         """Offset of the gap: gap = G p - h + offset."""
@@ -274,7 +277,8 @@ class Descent:
         if not self.final:
             return 1.0
         approach = (
-            self.grid.uniform * self.grid.stiffness * self.grid.mean - self._offset()
+            self.grid.uniform * self.grid.stiffness * self.grid.mean
+            - self._offset()
         )
         return min(1.0, approach) if approach > 0.0 else 1.0
 
@@ -285,7 +289,9 @@ class Descent:
         total, count = grid.sums(2)
         # where nearly all of the load is where the contact yields, free pixels say little of the offset
         borne = math.inf if grid.hardness is None else count * float(grid.hardness)
-        few = grid.offset_fixed is None and (not count or borne < FEW_FREE * grid.load)
+        few = grid.offset_fixed is None and (
+            not count or borne < FEW_FREE * grid.load
+        )
         mean = -total / count if count and grid.offset_fixed is None else 0.0
         s = self._measured(scope, self._offset_of_few() if few else mean, count)
         if few and count and not s.penetration:
@@ -397,9 +403,13 @@ class Descent:
     def _keep(self) -> None:
         """Keep the present pressure if it is the best so far and the solve may fail."""
         error = self.standing.error
-        if not self.final or (self.iteration < KEEP_FROM and self.limit > KEEP_FROM):
+        if not self.final or (
+            self.iteration < KEEP_FROM and self.limit > KEEP_FROM
+        ):
             return
-        if math.isfinite(error) and (self.kept is None or error < 0.9 * self.kept[0]):
+        if math.isfinite(error) and (
+            self.kept is None or error < 0.9 * self.kept[0]
+        ):
             pixels = np.flatnonzero(self.state.p)
             self.kept = error, pixels, self.state.p.ravel()[pixels]
 
@@ -442,7 +452,10 @@ class Descent:
 
     def _tighten(self, outcome: GridSolution) -> bool:
         """Lower the tolerance if the error of the pressure is too large; the iteration starts anew from here."""
-        error, wanted = outcome.pressure_error[0], self.grid.settings.pressure_tolerance
+        error, wanted = (
+            outcome.pressure_error[0],
+            self.grid.settings.pressure_tolerance,
+        )
         if not self.final or wanted is None or error <= wanted:
             return False
         self.tolerance = 0.7 * wanted / error * self.standing.error / self._scale()
@@ -490,7 +503,8 @@ class Descent:
             if (count == 1 and rest < REDUCED) or (
                 count > 1
                 and all(
-                    new < SETTLED * old for old, new in zip(before, norms, strict=True)
+                    new < SETTLED * old
+                    for old, new in zip(before, norms, strict=True)
                 )
             ):
                 break
@@ -531,7 +545,9 @@ class Descent:
     def _make_split(self) -> None:
         """The split operator and its inverse, where the method uses them and the grid allows them."""
         grid = self.grid
-        self.split = self.method == 0 and suits(grid.substrate, grid.settings.any_size)
+        self.split = self.method == 0 and suits(
+            grid.substrate, grid.settings.any_size
+        )
         self.near: Split | None = None
         self.near_inverse: Split | None = None
         if self.split:
@@ -546,7 +562,9 @@ class Descent:
         if self.method == 0 and renew:
             grid.run(kernels.indicator, self.active, v, z, clear)
             if self.near_inverse:
-                outward = self.near_inverse.apply(z, self.active, outward, grid.part)
+                outward = self.near_inverse.apply(
+                    z, self.active, outward, grid.part
+                )
             else:
                 outward = grid.operator.precondition(z)
         if self.near_inverse:
@@ -565,11 +583,15 @@ class Descent:
         self._precondition(clear, renew)
         share = OUTWARD_SHARE if self.method == 0 else 0.0
         uniform = (self.near_inverse or grid.operator).stiffness
-        grid.run(kernels.products, self.active, self.search, share, uniform, grid.part)
+        grid.run(
+            kernels.products, self.active, self.search, share, uniform, grid.part
+        )
         sz, szv, sd, sdv, szy, sdy, sy = grid.sums(7)
         # Under a given load directions have zero mean.
         zm, dm = (
-            (sz / s.pixels, sd / s.pixels) if grid.offset_fixed is None else (0.0, 0.0)
+            (sz / s.pixels, sd / s.pixels)
+            if grid.offset_fixed is None
+            else (0.0, 0.0)
         )
         zv, zy = szv - zm * s.residual_sum, szy - zm * sy
         dv, dy = sdv - dm * s.residual_sum, sdy - dm * sy

@@ -70,7 +70,9 @@ class Transforms:
         if library == "scipy":
             self._module: Any = sfft
             return
-        name = "ducc0.fft" if library == "ducc0" else f"{library}.interfaces.scipy_fft"
+        name = (
+            "ducc0.fft" if library == "ducc0" else f"{library}.interfaces.scipy_fft"
+        )
         try:
             self._module = importlib.import_module(name)
             if library == "pyfftw":
@@ -98,7 +100,11 @@ class Transforms:
             )
         if x.shape != self.padded:
             x = np.pad(
-                x, [(0, most - n) for most, n in zip(self.padded, x.shape, strict=True)]
+                x,
+                [
+                    (0, most - n)
+                    for most, n in zip(self.padded, x.shape, strict=True)
+                ],
             )
         if self.library == "ducc0":
             return self._module.r2c(x, axes=(0, 1), nthreads=self.workers)
@@ -193,7 +199,10 @@ class Convolution:
         self._turn: Array | None = None
         if periodic and substrate.shape[1] % 2 == 0:
             angles = (
-                2.0 * math.pi / substrate.shape[1] * np.arange(substrate.shape[1] // 2)
+                2.0
+                * math.pi
+                / substrate.shape[1]
+                * np.arange(substrate.shape[1] // 2)
             )
             self._turn = np.exp(-1j * angles).astype(
                 np.result_type(self.dtype, np.complex64)
@@ -254,7 +263,9 @@ class Convolution:
     def precondition(self, v: Array) -> Array:
         """Approximately G⁻¹v."""
         if self._inverse is None:
-            self._inverse = (self._substrate.inverse() * self.unit).astype(self.dtype)
+            self._inverse = (self._substrate.inverse() * self.unit).astype(
+                self.dtype
+            )
             self.stiffness = float(self._inverse[0, 0])
         if self._turn is not None:
             return self._packed(v, self._inverse, np.empty(self.shape, self.dtype))
@@ -305,7 +316,9 @@ class Split:
         self._run = team.run
         nx, ny = body.shape
         coarse = (nx // RATIO, ny // RATIO)
-        self._axes: tuple[kernels.Interpolation, kernels.Interpolation] | None = None
+        self._axes: tuple[kernels.Interpolation, kernels.Interpolation] | None = (
+            None
+        )
         if not divides(body.shape):
             coarse = (
                 fast_length(math.ceil(nx / RATIO)),
@@ -316,15 +329,19 @@ class Split:
                 _axis(ny, coarse[1], np.dtype(dtype)),
             )
         self._transforms = Transforms(coarse, coarse, library, team.threads)
-        far = body.regrid(coarse).in_pixels(body, inverse) * _far(body.shape, coarse)
+        far = body.regrid(coarse).in_pixels(body, inverse) * _far(
+            body.shape, coarse
+        )
         #: of the inverse operator for a uniform displacement
         self.stiffness = float(far[0, 0])
         if floating:
             far[0, 0] = 0.0
-        self._far = _whole(far / (nx / coarse[0] * (ny / coarse[1])), coarse[0]).astype(
+        self._far = _whole(
+            far / (nx / coarse[0] * (ny / coarse[1])), coarse[0]
+        ).astype(dtype)
+        self._stencil = _stencil(body.window((SAMPLE, SAMPLE)), inverse).astype(
             dtype
         )
-        self._stencil = _stencil(body.window((SAMPLE, SAMPLE)), inverse).astype(dtype)
         self._coarse = np.empty(coarse, dtype)
 
     def apply(self, x: Array, active: Active, out: Array, part: Array) -> Array:
@@ -334,7 +351,11 @@ class Split:
         """
         if self._axes is None:
             self._run(
-                kernels.restrict, active.coarse_edges, active.blocks, x, self._coarse
+                kernels.restrict,
+                active.coarse_edges,
+                active.blocks,
+                x,
+                self._coarse,
             )
         else:
             self._run(
@@ -391,7 +412,9 @@ def _whole(quarter: Array, rows: int) -> Array:
 def _hat(q: NDArray[np.floating[Any]], ratio: float = RATIO) -> Floats:
     """Transform of the hat function over ``ratio``, at wave numbers per fine pixel: 1 at zero."""
     half = np.where(q == 0.0, 1.0, 0.5 * q)
-    return np.where(q == 0.0, 1.0, np.sin(half * ratio) / (ratio * np.sin(half))) ** 2
+    return (
+        np.where(q == 0.0, 1.0, np.sin(half * ratio) / (ratio * np.sin(half))) ** 2
+    )
 
 
 def _far(fine: tuple[int, int], coarse: tuple[int, int]) -> Floats:
@@ -426,7 +449,8 @@ def _stencil(window: Substrate, inverse: bool) -> Floats:
     pairs = np.argwhere(np.hypot(reach[:, None], reach) <= kernels.REACH + 0.3)
     cosine = np.cos(np.outer(reach, q)) * np.where(reach == 0, 1, 2)[:, None]
     matrix = np.stack(
-        [(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs], axis=1
+        [(np.outer(cosine[a], cosine[b]) * weight).ravel() for a, b in pairs],
+        axis=1,
     )
     # Without BLAS, whose sums differ between processors.
     normal = np.einsum("ka,kb->ab", matrix, matrix)
@@ -497,7 +521,12 @@ class GridProblem:
         self.stiffness = stiffness
         symbol = substrate.symbol()
         self.operator = Convolution(
-            substrate, symbol, self.work, settings.library, team, floating=self.floating
+            substrate,
+            symbol,
+            self.work,
+            settings.library,
+            team,
+            floating=self.floating,
         )
         padded = substrate.padded != substrate.shape
         #: displacement under the mean pressure, which the operator leaves out where the offset is unknown
@@ -535,7 +564,9 @@ class GridProblem:
     def double(self) -> Convolution:
         """The operator in double precision."""
         if self._double is None:
-            symbol = self.substrate.symbol() if self._symbol is None else self._symbol
+            symbol = (
+                self.substrate.symbol() if self._symbol is None else self._symbol
+            )
             make = (
                 self.substrate,
                 symbol,
@@ -612,7 +643,8 @@ def grids(shape: tuple[int, int], levels: int | None) -> list[tuple[int, int]]:
     out = [shape]
     while levels is None or len(out) < levels:
         nx, ny = (
-            n if n < COARSEST else 4 * fast_length(math.ceil(n / 8)) for n in out[-1]
+            n if n < COARSEST else 4 * fast_length(math.ceil(n / 8))
+            for n in out[-1]
         )
         if (nx, ny) == out[-1] or (levels is None and max(nx, ny) < COARSEST):
             break

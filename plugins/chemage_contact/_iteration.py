@@ -98,11 +98,15 @@ def solve(
             sampled.setflags(
                 write=False
             )  # as those of a surface, or numba compiles kernels for both
-            h = Heights(dimensionless(heights._replace(values=sampled), state, team))
+            h = Heights(
+                dimensionless(heights._replace(values=sampled), state, team)
+            )
             h.values.setflags(write=False)
         # Displacements are counted in pixels of the grid at hand.
         pixels = (
-            here.pixel[0] * here.pixel[1] / (substrate.pixel[0] * substrate.pixel[1])
+            here.pixel[0]
+            * here.pixel[1]
+            / (substrate.pixel[0] * substrate.pixel[1])
         )
         grid = GridProblem(
             here,
@@ -142,9 +146,9 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
     load_given = grid.offset_fixed is None
     if p is None and load_given:
         # the admissible pressure nearest to the one that presses the heights flat
-        p = projected(_flattening(grid) + grid.mean, grid.mean, grid.hardness).astype(
-            grid.state
-        )
+        p = projected(
+            _flattening(grid) + grid.mean, grid.mean, grid.hardness
+        ).astype(grid.state)
     elif p is None:
         q = dimensionless(grid.heights, grid.work, grid.team) - grid.work(
             grid.offset_fixed
@@ -183,7 +187,9 @@ def _solve_on(grid: GridProblem, p: Array | None, finest: bool) -> GridSolution:
 
 def _flattening(grid: GridProblem) -> Array:
     """Pressure with mean 0 that presses the heights flat: exact where nothing is padded."""
-    q = grid.exact().precondition(dimensionless(grid.heights, grid.state, grid.team))
+    q = grid.exact().precondition(
+        dimensionless(grid.heights, grid.state, grid.team)
+    )
     q -= q.dtype.type(q.mean(dtype=np.float64))
     # At vanishing loads only its shape is of use.
     q *= q.dtype.type(1.0 / max(grid.stiffness, 1e-12))
@@ -209,7 +215,9 @@ def _full_contact(grid: GridProblem) -> GridSolution | None:
     # The mean height is the offset, if the load is given and the body periodic.
     base = float(np.mean(dimensionless(grid.heights, np.float64, grid.team)))
     operator = (
-        grid.exact() if grid.state == np.float64 or not grid.finest else grid.double()
+        grid.exact()
+        if grid.state == np.float64 or not grid.finest
+        else grid.double()
     )
     grid.gap(operator, base, DescentState(varying, r))
     correction = -float(r.mean(dtype=np.float64))
@@ -316,7 +324,11 @@ def _calls(
             yield spectral(convolution, state)
         else:
             yield call(
-                kernels.resample_pressure, source=p, rows=axis, columns=axis, target=p
+                kernels.resample_pressure,
+                source=p,
+                rows=axis,
+                columns=axis,
+                target=p,
             )
         yield call(kernels.totals)
         yield call(kernels.scale, factor=state(1))

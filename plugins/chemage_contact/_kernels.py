@@ -335,7 +335,9 @@ def move(lo, hi, blocks, p, d, step, shift, scale, hardness, part):
                 db[i] = new - old
                 rounded = old + db[i]
                 if hardness is not None:
-                    rounded = hardness if new >= hardness else min(rounded, hardness)
+                    rounded = (
+                        hardness if new >= hardness else min(rounded, hardness)
+                    )
                 new = rounded if new > 0.0 and rounded > 0.0 else 0.0
                 pb[i] = new
                 total += new
@@ -518,7 +520,10 @@ def multiply_packed(lo, hi, z, symbol, turn):
             a, b = here[i], there[o]
             even_re, even_im = a.real + b.real, a.imag - b.imag
             odd_re, odd_im = a.imag + b.imag, b.real - a.real
-            mean, half = quarter * (g[i] + back[m - i]), quarter * (g[i] - back[m - i])
+            mean, half = (
+                quarter * (g[i] + back[m - i]),
+                quarter * (g[i] - back[m - i]),
+            )
             w = turn[i]
             new_re = mean * even_re + half * (w.real * odd_re - w.imag * odd_im)
             new_im = mean * even_im + half * (w.real * odd_im + w.imag * odd_re)
@@ -630,7 +635,9 @@ def _interpolate(coarse, row, first, count, fine, s, f):
         value = coarse[row, size - _U(1)]
         slope = (coarse[row, _U(0)] - value) * scale
         for a in range(RATIO):
-            fine[s, f, within * _U(RATIO) + _U(a)] = value + fine.dtype.type(a) * slope
+            fine[s, f, within * _U(RATIO) + _U(a)] = (
+                value + fine.dtype.type(a) * slope
+            )
 
 
 @kernel(**_OPTIONS)
@@ -731,7 +738,11 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
             left = REACH if start > 0 else 0
             right = REACH if stop < ny else 0
             for a in range(REACH + 1):
-                above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
+                above, below, line = (
+                    _U((row - a) % nx),
+                    _U((row + a) % nx),
+                    a * LINE,
+                )
                 _pair_rows(
                     x,
                     above,
@@ -747,7 +758,13 @@ def local(lo, hi, blocks, x, stencil, coarse, out, part):
                     )
                 if right == 0:
                     _pair_rows(
-                        x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n)
+                        x,
+                        above,
+                        below,
+                        _U(0),
+                        _U(REACH),
+                        sums,
+                        _U(line + REACH + n),
                     )
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
             part[b, 0] = _stencil_rows(
@@ -828,7 +845,11 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
             left = REACH if start > 0 else 0
             right = REACH if stop < ny else 0
             for a in range(REACH + 1):
-                above, below, line = _U((row - a) % nx), _U((row + a) % nx), a * LINE
+                above, below, line = (
+                    _U((row - a) % nx),
+                    _U((row + a) % nx),
+                    a * LINE,
+                )
                 _pair_rows(
                     x,
                     above,
@@ -844,7 +865,13 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                     )
                 if right == 0:
                     _pair_rows(
-                        x, above, below, _U(0), _U(REACH), sums, _U(line + REACH + n)
+                        x,
+                        above,
+                        below,
+                        _U(0),
+                        _U(REACH),
+                        sums,
+                        _U(line + REACH + n),
                     )
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
             weight = (

@@ -38,7 +38,9 @@ class Team:
 
     def __init__(self, threads: int) -> None:
         self.threads = max(1, threads)
-        self._pool = ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
+        self._pool = (
+            ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -98,7 +100,10 @@ class Active:
         if shares == 1:
             return
         done = np.concatenate(
-            [np.zeros(1, np.int64), np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64))]
+            [
+                np.zeros(1, np.int64),
+                np.cumsum(1 + ACTIVE_COST * mask.astype(np.int64)),
+            ]
         )
         goals = done[-1] * np.arange(1, shares) // shares
         self.block_edges = [
@@ -224,7 +229,11 @@ class PeriodicLayer(Substrate):
     def symbol(self) -> Floats:
         # Numerator and denominator times e^(2qt) and the denominators of m and n, over cosh 2qt: nothing overflows, and
         # all large terms are positive, so that neither a thin layer nor a rigid or soft half-space cancels.
-        k, a, b = self.ratio, 3.0 - 4.0 * self.poisson_below, 3.0 - 4.0 * self.poisson
+        k, a, b = (
+            self.ratio,
+            3.0 - 4.0 * self.poisson_below,
+            3.0 - 4.0 * self.poisson,
+        )
         q = wave_numbers(self.shape, self.pixel)
         q[0, 0] = 1.0
         x = 2.0 * q * self.thickness
@@ -271,7 +280,9 @@ class PeriodicLayer(Substrate):
             values[0, 0] <= 0.0
         ):  # a uniform pressure does not move the reference: as the longest wave
             longest = [
-                float(edge[0]) for edge in (values[1:, 0], values[0, 1:]) if edge.size
+                float(edge[0])
+                for edge in (values[1:, 0], values[0, 1:])
+                if edge.size
             ]
             values[0, 0] = min(longest, default=1.0)
         return 1.0 / values
@@ -350,5 +361,8 @@ def _love(x: Floats, y: Floats, pixel: tuple[float, float]) -> Floats:
         return xs * np.arcsinh(ys / np.abs(xs)) + ys * np.arcsinh(xs / np.abs(ys))
 
     return (
-        corner(0.5, 0.5) - corner(0.5, -0.5) - corner(-0.5, 0.5) + corner(-0.5, -0.5)
+        corner(0.5, 0.5)
+        - corner(0.5, -0.5)
+        - corner(-0.5, 0.5)
+        + corner(-0.5, -0.5)
     ) / math.pi

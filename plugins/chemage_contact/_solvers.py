@@ -102,7 +102,9 @@ class SphereSolver(HalfSpaceSolver, ABC):
 
     def at_load(self, radius: float, load: float) -> SphereState:
         """The stable contact under ``load`` nN, which is at least that of pull-off."""
-        edge = math.cbrt(0.75 * radius / self.modulus * (load + self.pull_off(radius)))
+        edge = math.cbrt(
+            0.75 * radius / self.modulus * (load + self.pull_off(radius))
+        )
         return SphereState(load, edge, edge, edge**2 / radius)
 
     def _ends(self, radius: float) -> tuple[float, float]:
@@ -121,7 +123,9 @@ class SphereSolver(HalfSpaceSolver, ABC):
         least = self.at_load(radius, -self.pull_off(radius)).displacement
         return (
             Branch(-math.inf, first),
-            Branch(min(last, first), math.inf, partial(self._at, radius), least, True),
+            Branch(
+                min(last, first), math.inf, partial(self._at, radius), least, True
+            ),
         )
 
     def loop(self, surface: Surface, path: Path | Sequence[float | str]) -> Loop:
@@ -157,7 +161,9 @@ class SphereSolver(HalfSpaceSolver, ABC):
             **found,
         )
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """Cost, and the area fraction πa²/A0, where the radius is known."""
         if not surface.keys() >= {*GRID, "radius"}:
             return {}
@@ -233,7 +239,9 @@ class SphereSolver(HalfSpaceSolver, ABC):
         """Refuse a contact of radius ``edge`` (nm) on a surface that reaches less far from the apex."""
         room = 0.5 * min(shape) * size
         if edge > room:
-            what = "contact and attraction have" if self.adheres else "the contact has"
+            what = (
+                "contact and attraction have" if self.adheres else "the contact has"
+            )
             raise InputError.of(
                 "load",
                 load,

@@ -73,11 +73,14 @@ class Ring:
         cosines = np.cos(np.outer(theta, order))
         logarithm = (
             -math.log(2.0)
-            - 2.0 * np.einsum("ik,jk->ij", cosines[:, 1:] / order[1:], cosines[:, 1:])
+            - 2.0
+            * np.einsum("ik,jk->ij", cosines[:, 1:] / order[1:], cosines[:, 1:])
             + math.log(half)
         )
         weight = math.pi / POINTS
-        psi = algebra.solve(weight * (factor * logarithm + smooth), -0.25 * math.pi * s)
+        psi = algebra.solve(
+            weight * (factor * logarithm + smooth), -0.25 * math.pi * s
+        )
         coefficients = 2.0 / POINTS * np.einsum("ij,i->j", cosines, psi)
         coefficients[0] *= 0.5
         return cls(
@@ -144,13 +147,19 @@ class YieldingSphere:
     def gap(self, r: Array) -> Array:
         """u - approach + r²/2R: negative by the plastic displacement where the sphere yields, 0 up to the edge."""
         shape, x = r.shape, np.ravel(r) / self.edge
-        core, level = self.core / self.edge, self.approach * self.radius / self.edge**2
+        core, level = (
+            self.core / self.edge,
+            self.approach * self.radius / self.edge**2,
+        )
         found = np.zeros(x.size)
         # finer towards c and a, where the gap begins
         towards = np.linspace(1.0, 0.0, RADII) ** 2
         for where, table in (
             (x < core, core * (1.0 - towards)),
-            (x > 1.0, 1.0 + max(float(x.max(initial=1.0)) - 1.0, 0.0) * towards[::-1]),
+            (
+                x > 1.0,
+                1.0 + max(float(x.max(initial=1.0)) - 1.0, 0.0) * towards[::-1],
+            ),
         ):
             if where.any():
                 u = self.ring.displacement(table) - level + 0.5 * table**2
@@ -189,4 +198,6 @@ def yielding_sphere(
         edge = math.sqrt(load / hardness / math.pi)
     rim = float(ring.displacement(np.ones(1))[0]) + 0.5
     core = edge * (1.0 - 2.0 * ring.half)
-    return YieldingSphere(ring, edge, core, hardness, radius, rim * edge**2 / radius)
+    return YieldingSphere(
+        ring, edge, core, hardness, radius, rim * edge**2 / radius
+    )

@@ -107,7 +107,9 @@ class AdhesiveSphere(SphereSolver, ABC):
             2 * self.modulus * edge**3 / (math.pi * radius) * hertz, 0.0
         )
         for punch, tension in self._punches(state):
-            forces -= tension * punch**2 * _pixels(_corner_punch, x / punch, y / punch)
+            forces -= (
+                tension * punch**2 * _pixels(_corner_punch, x / punch, y / punch)
+            )
         return forces
 
     def _carries(self, radius: float) -> str:
@@ -132,7 +134,9 @@ class AdhesiveSphere(SphereSolver, ABC):
         )
         return (beyond,)
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """See :meth:`SphereSolver.expected`; with Tabor's parameter."""
         found = super().expected(surface, load)
         return found and found | {"tabor": self._tabor(surface["radius"])}
@@ -183,10 +187,14 @@ class AdhesiveSphere(SphereSolver, ABC):
     ) -> ContactSolution | None:
         """The contact at an approach (nm, or a string with its unit) since first touch, see :meth:`at_approach`."""
         radius = self.radius(surface.provenance)
-        state = self.at_approach(radius, convert(displacement, "nm"), touching=touching)
+        state = self.at_approach(
+            radius, convert(displacement, "nm"), touching=touching
+        )
         if state is None:
             return None
-        self.pressed(surface.shape, surface.pixel_size, radius, max(state.load, 0.0))
+        self.pressed(
+            surface.shape, surface.pixel_size, radius, max(state.load, 0.0)
+        )
         return self._solution(surface, radius, state, state.load)
 
     def _solution(
@@ -213,7 +221,9 @@ class AdhesiveSphere(SphereSolver, ABC):
             moves = ~touching & (count > 0)
             share = np.where(moves, pressure / np.maximum(count, 1.0), 0.0)
             gained = ndimage.convolve(share, around, mode="constant")
-            pressure = np.where(moves, 0.0, pressure) + np.where(touching, gained, 0.0)
+            pressure = np.where(moves, 0.0, pressure) + np.where(
+                touching, gained, 0.0
+            )
         carries = self._carries(radius)
         scale = float(np.abs(pressure).sum()) * size**2
         force_error = (
@@ -229,7 +239,10 @@ class AdhesiveSphere(SphereSolver, ABC):
             contact_pixels="centres",
             displacement=state.displacement,
             carries=carries,
-            convergence={"force_error": force_error, "pull_off": self.pull_off(radius)},
+            convergence={
+                "force_error": force_error,
+                "pull_off": self.pull_off(radius),
+            },
             notes=self._beyond(radius),
         )
         return self.exactly(
@@ -291,7 +304,9 @@ class JKR(AdhesiveSphere):
 
     def _scale(self, radius: float) -> float:
         """a₁, with which a = x² a₁ and x⁴ − x = δR/a₁² on the stable branch beyond its lowest point."""
-        return math.cbrt(2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus)
+        return math.cbrt(
+            2 * math.pi * self.work_of_adhesion * radius**2 / self.modulus
+        )
 
     def _at(self, radius: float, displacement: float) -> SphereState:
         scale = self._scale(radius)
@@ -386,7 +401,9 @@ class Maugis(AdhesiveSphere):
 
     def _at(self, radius: float, displacement: float) -> SphereState:
         _, _, depth, strength = self.units(radius)
-        return self._state(radius, _solved(_approach, strength, displacement / depth))
+        return self._state(
+            radius, _solved(_approach, strength, displacement / depth)
+        )
 
     def _bulge(self, radius: float) -> tuple[float, float, float]:
         """Radii (nm) of the disc of attraction around a gap that closes, and of the smallest stable one, and w/(z₀E*).
@@ -441,7 +458,9 @@ def _outer(angle: float, strength: float) -> float:
     twice = 2 * angle
     if twice < 0.1:  # sin φ − φ cos φ by its series
         square = twice * twice
-        first = twice**3 / 3 * (1 - square / 10 * (1 - square / 28 * (1 - square / 54)))
+        first = (
+            twice**3 / 3 * (1 - square / 10 * (1 - square / 28 * (1 - square / 54)))
+        )
     else:
         first = math.sin(twice) - twice * math.cos(twice)
     second = angle * math.sin(angle) - 2 * math.sin(0.5 * angle) ** 2
@@ -453,13 +472,17 @@ def _load(angle: float, strength: float) -> float:
     """Load in units of πwR."""
     outer = _outer(angle, strength)
     edge = outer * math.cos(angle)
-    return edge**3 - strength * outer**2 * (math.sin(angle) * math.cos(angle) + angle)
+    return edge**3 - strength * outer**2 * (
+        math.sin(angle) * math.cos(angle) + angle
+    )
 
 
 def _approach(angle: float, strength: float) -> float:
     """Approach in its unit."""
     outer = _outer(angle, strength)
-    return (outer * math.cos(angle)) ** 2 - 4 / 3 * strength * outer * math.sin(angle)
+    return (outer * math.cos(angle)) ** 2 - 4 / 3 * strength * outer * math.sin(
+        angle
+    )
 
 
 @lru_cache(maxsize=64)

@@ -18,7 +18,14 @@ from chemage_contact._grid import grids, resampled
 from chemage_contact._operators import Substrate, Team
 from chemage_contact._solvers import GRID, tabor
 from chemage_contact.fft_bem import _BUGNICOURT, FFTBEM, GridSolver
-from chemage_contact.paths import Follower, Loop, Path, PathState, coarser, more_errors
+from chemage_contact.paths import (
+    Follower,
+    Loop,
+    Path,
+    PathState,
+    coarser,
+    more_errors,
+)
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
@@ -119,9 +126,13 @@ class AdhesiveBEM(GridSolver):
         """At a tolerance of 1e-8."""
         least = min(self.tolerance, REFERENCE_TOLERANCE)
         most = max(self.max_iterations, REFERENCE_ITERATIONS)
-        return self.replace(tolerance=least, max_iterations=most, on_failure="return")
+        return self.replace(
+            tolerance=least, max_iterations=most, on_failure="return"
+        )
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """Area and cost of the contact without attraction, and the iterations of this one, as measured."""
         if not {"nx", "ny"} <= surface.keys():
             return {}
@@ -253,7 +264,8 @@ class AdhesiveBEM(GridSolver):
             value, unit = found[name].value, found[name].unit
             # twice the pixel: errors grow in proportion or faster; more of it: with its square
             sizes = [
-                3 * abs(other[name].value - value) / (k**2 - 1) for k, other in others
+                3 * abs(other[name].value - value) / (k**2 - 1)
+                for k, other in others
             ]
             sizes = [size for size in sizes if math.isfinite(size)]
             scale = self.range if unit == "nm" else abs(value)
@@ -292,13 +304,21 @@ class AdhesiveBEM(GridSolver):
             load, approach = (value, None) if by_load else (None, value - offset)
             before = last.memory if last is not None else None
             try:
-                contact, memory, energies = self._from(surface, load, before, approach)
+                contact, memory, energies = self._from(
+                    surface, load, before, approach
+                )
             except PartedError:
                 return PathState(-math.inf, 0.0, 0.0)
             rise = float(contact.displacement or 0.0) + offset
             energy, attraction = energies
             return PathState(
-                rise, contact.load, contact.area, energy, -attraction, memory, contact
+                rise,
+                contact.load,
+                contact.area,
+                energy,
+                -attraction,
+                memory,
+                contact,
             )
 
         follower = Follower(solve)
@@ -337,7 +357,9 @@ class AdhesiveBEM(GridSolver):
             load / surface.nominal_area / modulus
         ):
             raise InputError.of(
-                "load", load, "leaves the range of numbers when spread over the surface"
+                "load",
+                load,
+                "leaves the range of numbers when spread over the surface",
             )
         if load is not None and "radius" in surface.provenance:
             self._bearable(float(surface.provenance["radius"]), load)
@@ -406,9 +428,13 @@ class AdhesiveBEM(GridSolver):
         highest = float(np.abs(q).max())
         error = math.hypot(change, last.error * norm)
         most = math.hypot(float(np.abs(q - p).max()), last.error * highest)
-        flips = np.count_nonzero((first.x <= 0)[:nx, :ny] != (last.x <= 0)[:nx, :ny])
+        flips = np.count_nonzero(
+            (first.x <= 0)[:nx, :ny] != (last.x <= 0)[:nx, :ny]
+        )
         risen = self._approach(problem, last)
-        changed = math.hypot(risen - self._approach(problem, first), last.error * risen)
+        changed = math.hypot(
+            risen - self._approach(problem, first), last.error * risen
+        )
         return {
             "pressure_error": error / norm if norm else 0.0,
             "pressure_error_max": most / highest if highest else 0.0,
@@ -451,7 +477,9 @@ class AdhesiveBEM(GridSolver):
         closed everywhere. Attraction acts where pixels resolve it."""
         last: tuple[Adhesive, Iterate] | None = None
         for shape, adheres in self._stages(body, load):
-            sampled = resampled(heights, shape, np.float64, body.periodic, problem.team)
+            sampled = resampled(
+                heights, shape, np.float64, body.periodic, problem.team
+            )
             here = self._problem(
                 body.regrid(shape), sampled, problem.pressure, None, problem.team
             )
@@ -493,7 +521,9 @@ class AdhesiveBEM(GridSolver):
         size, area, law = surface.pixel_size, surface.pixel_size**2, problem.law
         nx, ny = surface.shape
         reduced = np.ascontiguousarray(found.x[:nx, :ny])
-        pressure = (np.ascontiguousarray(found.p[:nx, :ny]) + found.mean) * self.modulus
+        pressure = (
+            np.ascontiguousarray(found.p[:nx, :ny]) + found.mean
+        ) * self.modulus
         flow = None
         if self.hardness is not None:
             np.minimum(pressure, self.hardness, out=pressure)

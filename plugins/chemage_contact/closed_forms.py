@@ -76,7 +76,9 @@ class Hertz(SphereSolver):
         """More where the sphere may yield: its pressure is a step at the rim, which pixels are inside of or not."""
         return 0.01 if self.hardness is None else 0.05
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """See :meth:`SphereSolver.expected`; with the memory of further maps."""
         found = super().expected(surface, load)
         maps = self.gap + (self.hardness is not None)
@@ -97,7 +99,9 @@ class Hertz(SphereSolver):
         """Radius of the contact, nm, and where the sphere yields, its contact."""
         edge = math.cbrt(0.75 * load * radius / self.modulus)
         self.require_room(edge, shape, size, load)
-        if load > 0 and not (edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100):
+        if load > 0 and not (
+            edge > 1e-60 * size and 1e-290 < load / size**2 < 1e100
+        ):
             raise InputError.of(
                 "load",
                 load,
@@ -106,7 +110,10 @@ class Hertz(SphereSolver):
             )
         if self.hardness is None or not load > 0:
             return edge, None
-        room, least = 0.5 * min(shape) * size, math.sqrt(load / self.hardness / math.pi)
+        room, least = (
+            0.5 * min(shape) * size,
+            math.sqrt(load / self.hardness / math.pi),
+        )
         if least > room:
             raise InputError.of(
                 "hardness",
@@ -149,7 +156,9 @@ class Hertz(SphereSolver):
             load=load,
             contact_pixels="centres",
             displacement=approach,
-            convergence={"force_error": abs(total / load - 1.0) if load > 0 else 0.0},
+            convergence={
+                "force_error": abs(total / load - 1.0) if load > 0 else 0.0
+            },
             notes=() if load > 0 else NO_LOAD,
         )
         if not load > 0:
@@ -233,18 +242,24 @@ class Hertz(SphereSolver):
             (v - 0.5 * (n - 1)) * size
             for v, n in zip(np.nonzero(inside), r.shape, strict=True)
         ]
-        rim = np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge)) < size
+        rim = (
+            np.minimum(np.abs(away - sphere.core), np.abs(away - sphere.edge))
+            < size
+        )
         for points, there in ((16, rim), (3, ~rim & (away > sphere.core))):
             offsets = ((np.arange(points) + 0.5) / points - 0.5) * size
             for some in np.array_split(
-                np.flatnonzero(there), max(1, np.count_nonzero(there) * points**2 >> 20)
+                np.flatnonzero(there),
+                max(1, np.count_nonzero(there) * points**2 >> 20),
             ):
                 fine = np.hypot(
                     (places[0][some, None] + offsets)[:, :, None],
                     (places[1][some, None] + offsets)[:, None, :],
                 )
                 means[some] = (
-                    sphere.pressure(fine.ravel()).reshape(fine.shape).mean(axis=(1, 2))
+                    sphere.pressure(fine.ravel())
+                    .reshape(fine.shape)
+                    .mean(axis=(1, 2))
                 )
         mean = load / size**2 / away.size
         means *= min(1.0, mean / float(means.mean()))
@@ -384,14 +399,18 @@ class Persson(ContactTheory):
     """calibrated area–load coefficient κ = A h'_rms E*/F_N at small loads, such as that of a solved contact of the same
     spectrum; full contact does not depend on it; default: that of the theory, √(8/π) = 1.60"""
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """Area fraction where the rms slope is known; time and memory, which are those of nothing."""
         estimate = {"cpu_seconds": 0.01, "bytes": 1e6, "gap_bytes": 0.0}
         if not surface.keys() >= {*GRID, "rms_slope"}:
             return estimate
         area = surface["nx"] * surface["ny"] * surface["pixel_size"] ** 2
         mean = load / area
-        sigma = self._deviation(load / area, 0.5 * self.modulus * surface["rms_slope"])
+        sigma = self._deviation(
+            load / area, 0.5 * self.modulus * surface["rms_slope"]
+        )
         fraction = (
             theory.persson_area_fraction(0.5 * mean / sigma)
             if sigma > 0
@@ -431,13 +450,17 @@ class Persson(ContactTheory):
         """Standard deviation of the pressure before it is absorbed, of which that at full contact is ``full``; GPa."""
         if self.kappa is None or not 0 < mean < 1e3 * full:
             return full
-        return full * math.sqrt(self._spread(min(full / mean, 1e100) ** 2, self.kappa))
+        return full * math.sqrt(
+            self._spread(min(full / mean, 1e100) ** 2, self.kappa)
+        )
 
     def _statistics(self, roughness: Roughness, load: float) -> ContactStatistics:
         if "radius" in roughness.provenance:
             raise InputError(_SMOOTH)
         mean = load / roughness.nominal_area
-        pressure, share = self._classes(mean, 0.5 * self.modulus * roughness.rms_slope)
+        pressure, share = self._classes(
+            mean, 0.5 * self.modulus * roughness.rms_slope
+        )
         return ContactStatistics(
             pressure=pressure,
             area=share * roughness.nominal_area,

@@ -12,7 +12,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ContactSolution, InputError, Surface
-from chemage.plugin import ConvergenceError, Length, Pressure, Unit, convert, threads
+from chemage.plugin import (
+    ConvergenceError,
+    Length,
+    Pressure,
+    Unit,
+    convert,
+    threads,
+)
 from chemage_contact import _iteration as iteration
 from chemage_contact import _kernels as kernels
 from chemage_contact._descent import GridSolution
@@ -145,7 +152,9 @@ class GridSolver(HalfSpaceSolver, ABC):
             if self.substrate is None:
                 return layer
             young, poisson = self.substrate
-            ratio = self.modulus * (1.0 - self.poisson_ratio) * (1.0 + poisson) / young
+            ratio = (
+                self.modulus * (1.0 - self.poisson_ratio) * (1.0 + poisson) / young
+            )
             return replace(layer, ratio=ratio, poisson_below=poisson)
         if self.is_nominally_flat(surface.periodic):
             return PeriodicHalfSpace(surface.shape, pixel)
@@ -196,7 +205,9 @@ class FFTBEM(GridSolver):
     def declared_error(self) -> float | None:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Of the pressure on a half-space, see ``docs/contact.md``; None for a layer, which has no closed form here."""
         return (
-            None if self.thickness is not None else min(1e-3 + 30 * self.tolerance, 1.0)
+            None
+            if self.thickness is not None
+            else min(1e-3 + 30 * self.tolerance, 1.0)
         )
 
     @model_validator(mode="after")
@@ -212,7 +223,9 @@ class FFTBEM(GridSolver):
             )
         return self
 
-    def expected(self, surface: Mapping[str, float], load: float) -> dict[str, float]:
+    def expected(
+        self, surface: Mapping[str, float], load: float
+    ) -> dict[str, float]:
         """Area fraction from κ = 2.2 and Persson's theory, cost and memory from measurements (``docs/contact.md``)."""
         if not {"nx", "ny"} <= surface.keys():
             return {}
@@ -263,7 +276,9 @@ class FFTBEM(GridSolver):
         """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
         required = min(self.tolerance, 0.2 * (self.pressure_tolerance or 1.0))
         digits = math.log10(1e-5 / required)
-        work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(0.5, 1.0 + 0.14 * digits)
+        work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(
+            0.5, 1.0 + 0.14 * digits
+        )
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]
         return 0.03 + pixels * work * factor * (1.0 if periodic else 1.4) * (
             2.0 if self.levels == 1 else 1.0
@@ -336,7 +351,9 @@ class FFTBEM(GridSolver):
             and pressure / self.modulus > SMALLEST_PRESSURE
         ):
             raise InputError.of(
-                "load", load, "leaves the range of numbers when spread over the surface"
+                "load",
+                load,
+                "leaves the range of numbers when spread over the surface",
             )
         if self.precision == "single" and not (
             load / pixel_size**2 > 1e-35 and pressure < 1e35
@@ -380,7 +397,14 @@ class FFTBEM(GridSolver):
                 "start": start.pressure if start is not None and near else None,
             }
             return self._solved(
-                surface, self.body(surface), heights, unit, quantum, load, team, goal
+                surface,
+                self.body(surface),
+                heights,
+                unit,
+                quantum,
+                load,
+                team,
+                goal,
             )
 
     def sweep(
@@ -423,7 +447,9 @@ class FFTBEM(GridSolver):
         if approach <= 0:
             return self._untouched(surface, approach)
         body = self.body(surface)
-        flat = body.periodic and (self.thickness is None or self.substrate is not None)
+        flat = body.periodic and (
+            self.thickness is None or self.substrate is not None
+        )
         if flat and self.hardness is None:
             limit = float(heights.max()) - float(heights.mean(dtype=np.float64))
             if approach >= limit:
@@ -489,9 +515,12 @@ class FFTBEM(GridSolver):
             sunk = top - float(left.heights.max())
             contacts.append(contact.model_copy(update=more))
         unit = (self.hardness or 0.0) * surface.pixel_size**2
-        lost = unit * float(np.sum(surface.heights - left.heights, dtype=np.float64))
+        lost = unit * float(
+            np.sum(surface.heights - left.heights, dtype=np.float64)
+        )
         states = [
-            PathState(one.displacement or 0.0, one.load, one.area) for one in contacts
+            PathState(one.displacement or 0.0, one.load, one.area)
+            for one in contacts
         ]
         return Loop.of(
             states,
@@ -580,12 +609,16 @@ class FFTBEM(GridSolver):
             else self._at_edge(surface, values, load, -result.offset * unit)
         )
         notes += (
-            self._full(surface, result, flow) if values.size and least > 0.0 else edge
+            self._full(surface, result, flow)
+            if values.size and least > 0.0
+            else edge
         )
         force_error = abs(force / load - 1.0) if load > 0 else 0.0
         if not force_error < 1e-3:
             raise InputError.of(
-                "load", load, f"the pressure leaves the range of {values.dtype} numbers"
+                "load",
+                load,
+                f"the pressure leaves the range of {values.dtype} numbers",
             )
         gap = None
         if self.gap:
@@ -610,7 +643,9 @@ class FFTBEM(GridSolver):
             notes=tuple(notes),
         )
 
-    def _flow(self, result: GridSolution, hardness: float, unit: float) -> np.ndarray:
+    def _flow(
+        self, result: GridSolution, hardness: float, unit: float
+    ) -> np.ndarray:
         """The overlap where the pressure is the hardness, in nm; it is taken from the gap, which is then closed."""
         values = result.pressure
         flow = np.where(
@@ -679,7 +714,9 @@ class FFTBEM(GridSolver):
             f"{where}: {100 * share:.2g} % of the load is on the outermost pixels, as at the edge of a punch"
         ]
 
-    def _report(self, result: GridSolution | None, **errors: float) -> dict[str, Any]:
+    def _report(
+        self, result: GridSolution | None, **errors: float
+    ) -> dict[str, Any]:
         """The errors of the solution and how it was found: plain values."""
         numbers: dict[str, Any] = {
             "tolerance": self.tolerance,
@@ -689,11 +726,14 @@ class FFTBEM(GridSolver):
             "pressure_error": result.pressure_error[0] if result else 0.0,
             "pressure_error_max": result.pressure_error[1] if result else 0.0,
             "transforms": result.transforms if result else 0,
-            "history": [[float(rms), float(deepest)] for rms, deepest in result.history]
+            "history": [
+                [float(rms), float(deepest)] for rms, deepest in result.history
+            ]
             if result
             else [],
             "levels": [
-                {"pixels": list(shape), "iterations": n} for shape, n in result.levels
+                {"pixels": list(shape), "iterations": n}
+                for shape, n in result.levels
             ]
             if result
             else [],
@@ -738,7 +778,9 @@ def _dimensionless(
         return Heights(heights, top, 0.0), strain * max(nx, ny) * surface.pixel_size
     # Relative to the largest value, so that squares of 1e-200 nm do not underflow.
     part = team.table(kernels.moments, nx, 2, heights, top, 1.0 / unit)
-    spread = math.sqrt(float(part[:, 1].sum()) / (nx * ny) + float(part[:, 0].var()))
+    spread = math.sqrt(
+        float(part[:, 1].sum()) / (nx * ny) + float(part[:, 0].var())
+    )
     return Heights(heights, top, 1.0 / unit / spread), unit * spread
 
 

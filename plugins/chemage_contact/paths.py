@@ -43,9 +43,7 @@ _QUANTITIES = {
     )
 }
 _OPEN = "not known: the path does not end in the state in which it began"
-_FALLS = (
-    "not known: under a given load the surfaces fall together or apart; give approaches"
-)
+_FALLS = "not known: under a given load the surfaces fall together or apart; give approaches"
 _NO_PULL = "nothing adheres"
 _ELSEWHERE = "not on this path"
 
@@ -149,7 +147,9 @@ class Loop:
         """With the arrays of ``states``."""
         columns = np.array([state[:3] for state in states], dtype=np.float64)
         displacement, load, area = columns.T
-        return cls(displacement, load, area, np.array(given, np.int64), **quantities)
+        return cls(
+            displacement, load, area, np.array(given, np.int64), **quantities
+        )
 
     def quantities(self) -> list[Quantity]:
         """All but the single jumps."""
@@ -175,7 +175,9 @@ def more_errors(quantity: Quantity, **errors: tuple[float, str]) -> Quantity:
     if not quantity.known:
         return quantity
     parts: dict[str, Any] = {**quantity.errors, **errors}
-    found = stated(quantity.name, quantity.value, **parts).but(reason=quantity.reason)
+    found = stated(quantity.name, quantity.value, **parts).but(
+        reason=quantity.reason
+    )
     return found if math.isfinite(found.half_width) else found.but(stated="")
 
 
@@ -220,7 +222,9 @@ def exact(**found: _Found) -> dict[str, Any]:
             value = _QUANTITIES[name].but(reason=value)
         elif not isinstance(value, Quantity):
             value, reason = value if isinstance(value, tuple) else (value, "")
-            value = stated(name, value + 0.0, path=(0.0, Leg.how)).but(reason=reason)
+            value = stated(name, value + 0.0, path=(0.0, Leg.how)).but(
+                reason=reason
+            )
         made[name] = value
     return made
 
@@ -300,7 +304,9 @@ class Step:
     def place(self, name: str) -> Quantity:
         """Its approach."""
         middle = 0.5 * (self.one.displacement + self.other.displacement)
-        return stated(name, middle, path=(0.5 * abs(self.length) / CERTAIN, self.how))
+        return stated(
+            name, middle, path=(0.5 * abs(self.length) / CERTAIN, self.how)
+        )
 
 
 def _energy(name: str, value: float, steps: Sequence[Step]) -> Quantity:
@@ -404,7 +410,11 @@ class Branch(NamedTuple):
         low = self.low
         begin, end = (math.sqrt(max(at - low, 0.0)) for at in (first, last))
         found: Any = quad(
-            lambda t: 2 * t * load(low + t * t), begin, end, epsabs=0.0, epsrel=1e-11
+            lambda t: 2 * t * load(low + t * t),
+            begin,
+            end,
+            epsabs=0.0,
+            epsrel=1e-11,
         )
         return found[0]
 

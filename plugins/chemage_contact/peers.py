@@ -19,7 +19,12 @@ from pydantic import Field
 from chemage import ContactSolution, InputError, Surface, errors
 from chemage.plugin import ConvergenceError, Unit, threads
 from chemage_contact._grid import Convolution
-from chemage_contact._operators import Floats, FreeHalfSpace, PeriodicHalfSpace, Team
+from chemage_contact._operators import (
+    Floats,
+    FreeHalfSpace,
+    PeriodicHalfSpace,
+    Team,
+)
 from chemage_contact._solvers import GRID, NO_LOAD, HalfSpaceSolver
 
 #: multiple of the tolerance that errors of the gap may have where a library does not say whether it converged
@@ -114,7 +119,10 @@ class Peer(HalfSpaceSolver):
     def _solve(
         self, surface: Surface, load: float, start: ContactSolution | None
     ) -> ContactSolution:
-        library, periodic = self._imported(), self.is_nominally_flat(surface.periodic)
+        library, periodic = (
+            self._imported(),
+            self.is_nominally_flat(surface.periodic),
+        )
         nominal, size = load / surface.nominal_area, surface.pixel_size
         self._check_limit(nominal)
         heights = np.array(surface.heights, dtype=np.float64)
@@ -131,7 +139,9 @@ class Peer(HalfSpaceSolver):
         if load > 0:
             stiffness = self.modulus * unit / (size * nominal)
             ceiling = math.inf if self.limit is None else self.limit / nominal
-            answer = self._answer(library, heights / unit, stiffness, ceiling, periodic)
+            answer = self._answer(
+                library, heights / unit, stiffness, ceiling, periodic
+            )
             measures |= _gap_errors(
                 answer.pressure, heights / unit, stiffness, ceiling, periodic
             )
@@ -177,7 +187,11 @@ class Peer(HalfSpaceSolver):
 
 
 def _gap_errors(
-    pressure: Floats, heights: Floats, stiffness: float, ceiling: float, periodic: bool
+    pressure: Floats,
+    heights: Floats,
+    stiffness: float,
+    ceiling: float,
+    periodic: bool,
 ) -> dict[str, float]:
     """rms gap where the pressure is between 0 and its largest value, and largest penetration where it is 0, relative to
     the rms height, from the pressure alone."""
@@ -188,12 +202,18 @@ def _gap_errors(
             body, body.symbol(), np.float64, "scipy", team, floating=False
         )
         gap = operator.apply(pressure) / stiffness - heights
-    elastic, open_ = (pressure > 0) & (pressure < ceiling * (1 - 1e-12)), pressure == 0
+    elastic, open_ = (
+        (pressure > 0) & (pressure < ceiling * (1 - 1e-12)),
+        pressure == 0,
+    )
     if not elastic.any():
         return {"rms_gap": 0.0, "penetration": 0.0}
     level = float(gap[elastic].mean())
     deepest = level - float(gap[open_].min()) if open_.any() else 0.0
-    return {"rms_gap": float(np.std(gap[elastic])), "penetration": max(deepest, 0.0)}
+    return {
+        "rms_gap": float(np.std(gap[elastic])),
+        "penetration": max(deepest, 0.0),
+    }
 
 
 class Tamaas(Peer):
@@ -318,7 +338,9 @@ class ContactMechanics(Peer):
                 else library.FreeFFTElasticHalfSpace
             )
             substrate = half_space(heights.shape, stiffness, sides)
-            topography = Topography(heights, physical_sizes=sides, periodic=periodic)
+            topography = Topography(
+                heights, physical_sizes=sides, periodic=periodic
+            )
             system = library.Systems.NonSmoothContactSystem(substrate, topography)
             found = system.minimize_proxy(
                 external_force=float(heights.size),

@@ -13,7 +13,14 @@ from typing import Any
 import numpy as np
 
 from chemage import InputError, Scene
-from chemage.plugin import algebra, checked_count, checked_seed, progress, text, units
+from chemage.plugin import (
+    algebra,
+    checked_count,
+    checked_seed,
+    progress,
+    text,
+    units,
+)
 from chemage_inference.curves import MeasuredCurve
 from chemage_inference.families import estimated, sampled
 from chemage_inference.forward import Model, check_scene, make_model
@@ -31,7 +38,13 @@ from chemage_inference.noise import (
     State,
     fixed,
 )
-from chemage_inference.problem import REACH, Prior, Problem, Unknowns, redrawn_outside
+from chemage_inference.problem import (
+    REACH,
+    Prior,
+    Problem,
+    Unknowns,
+    redrawn_outside,
+)
 from chemage_inference.result import UnexplainedError, scene_of
 from chemage_inference.sampling import Chain
 
@@ -187,10 +200,13 @@ def _errors(
     """Measured values (m,) and their errors, drawn from the prior of errors."""
     model, state = noise.model, noise.start
     if model.scaled:
-        scales = np.exp(SPREAD * np.abs(rng.standard_normal((1000, state.scales.size))))
+        scales = np.exp(
+            SPREAD * np.abs(rng.standard_normal((1000, state.scales.size)))
+        )
         inside = (scales >= SMALLEST) & (scales <= LARGEST)
         state = replace(
-            state, scales=scales[inside.argmax(axis=0), np.arange(state.scales.size)]
+            state,
+            scales=scales[inside.argmax(axis=0), np.arange(state.scales.size)],
         )
     if model.robust:
         state = replace(
@@ -198,7 +214,8 @@ def _errors(
         )
     if model.correlated:
         state = replace(
-            state, log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal())
+            state,
+            log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal()),
         )
     state = replace(
         state,
@@ -266,13 +283,18 @@ def _ranks(
         float(fitted[last]),
     )
     if model.error_model.scaled:
-        quantities["scale of the errors"] = samples.scales[:, 0], float(state.scales[0])
+        quantities["scale of the errors"] = (
+            samples.scales[:, 0],
+            float(state.scales[0]),
+        )
     if model.error_model.calibration:
         quantities["calibration"] = (
             samples.calibrations[:, 0],
             float(np.exp(state.calibration[0])),
         )
-    return {name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()}
+    return {
+        name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()
+    }
 
 
 def _rank(drawn: np.ndarray, true: float, rng: np.random.Generator) -> float:

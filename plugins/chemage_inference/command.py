@@ -16,7 +16,11 @@ if TYPE_CHECKING:
     from chemage import Scene
     from chemage.plugin import progress
     from chemage_inference.curves import MeasuredCurve
-    from chemage_inference.result import Inference, InferenceResult, UnexplainedError
+    from chemage_inference.result import (
+        Inference,
+        InferenceResult,
+        UnexplainedError,
+    )
 
 #: hold times per decade of a range, in a forecast and among planned measurements
 PER_DECADE, PLANNED_PER_DECADE = 4, 1
@@ -147,7 +151,8 @@ def _candidates(text: str) -> list[dict[str, Any]]:
             f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file'
         )
     return [
-        {"hold_time": one, **same} for one in _times("--next", time, PLANNED_PER_DECADE)
+        {"hold_time": one, **same}
+        for one in _times("--next", time, PLANNED_PER_DECADE)
     ]
 
 
@@ -183,7 +188,9 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
 
 def _pairs(option: str, text: str) -> dict[str, float | str]:
     """Read ``name=value, name=value``; a number alone is in internal units."""
-    example = f'write it as NAME=VALUE, such as {option} "load=50 nN, hold_time=1e5 s"'
+    example = (
+        f'write it as NAME=VALUE, such as {option} "load=50 nN, hold_time=1e5 s"'
+    )
     words: dict[str, float | str] = {}
     for part in filter(None, (piece.strip() for piece in text.split(","))):
         name, equals, value = (piece.strip() for piece in part.partition("="))
@@ -238,7 +245,8 @@ SceneOpt = Annotated[
 LoadOpt = Annotated[
     str | None,
     typer.Option(
-        metavar="FORCE", help='load of curves without a column load, such as "50 nN"'
+        metavar="FORCE",
+        help='load of curves without a column load, such as "50 nN"',
     ),
 ]
 TemperatureOpt = Annotated[
@@ -323,7 +331,9 @@ TargetOpt = Annotated[
 ]
 SamplesOpt = Annotated[
     int,
-    typer.Option(min=50, metavar="N", help="samples of the posterior that are kept"),
+    typer.Option(
+        min=50, metavar="N", help="samples of the posterior that are kept"
+    ),
 ]
 SeedOpt = Annotated[
     int,
@@ -446,7 +456,9 @@ def _calibrated(
     output.show_rows(title, columns, found.rows())
 
 
-def _curves(files: Sequence[Path], how: Mapping[str, Any]) -> tuple[MeasuredCurve, ...]:
+def _curves(
+    files: Sequence[Path], how: Mapping[str, Any]
+) -> tuple[MeasuredCurve, ...]:
     from chemage_inference.curves import check_curves, read_curves
 
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
@@ -499,13 +511,17 @@ def _with_wishes(
     ranked: list[dict[str, Any]] = []
     if wishes.candidates:
         with progress.reported(report, "planned measurements"):
-            ranked = inference.next_experiment(wishes.candidates, target=wishes.target)
+            ranked = inference.next_experiment(
+                wishes.candidates, target=wishes.target
+            )
     return InferenceResult(
         inference, forecasts, tuple(ranked), wishes.target_text if ranked else ""
     )
 
 
-def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> None:
+def _show_best_fit(
+    error: UnexplainedError, curves: Sequence[MeasuredCurve]
+) -> None:
     """Print measured values beside the best fit on stderr, for data that no density explains."""
     lines = [
         "the best fit:",
@@ -518,7 +534,9 @@ def _show_best_fit(error: UnexplainedError, curves: Sequence[MeasuredCurve]) -> 
     )
     for point in zip(points, error.fitted, error.residuals, strict=True):
         (name, time, value), fit, off = point
-        lines.append(f"{name:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}")
+        lines.append(
+            f"{name:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}"
+        )
     if not output.quiet():
         output.say("\n".join(lines), file=sys.stderr)
 

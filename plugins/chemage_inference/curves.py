@@ -43,7 +43,9 @@ class MeasuredCurve(Record):
     """nN"""
     temperature: PositiveNumber
     """K"""
-    quantity: Literal["friction_coefficient_drop", "friction_drop"] = "friction_drop"
+    quantity: Literal["friction_coefficient_drop", "friction_drop"] = (
+        "friction_drop"
+    )
     """what ``values`` are: "friction_drop" (ΔF, nN) or "friction_coefficient_drop" (Δμ)"""
     hold_times: Doubles
     """(m,) s, > 0, non-decreasing; a time that occurs again is a repeated measurement"""
@@ -60,7 +62,9 @@ class MeasuredCurve(Record):
 
     def __init__(self, **fields: Any) -> None:
         unit = (
-            "nN" if fields.get("quantity", "friction_drop") == "friction_drop" else ""
+            "nN"
+            if fields.get("quantity", "friction_drop") == "friction_drop"
+            else ""
         )
         super().__init__(
             **{
@@ -100,14 +104,18 @@ class MeasuredCurve(Record):
     def friction_drop(self) -> np.ndarray:
         """ΔF, nN, (m,)."""
         return (
-            self.values if self.quantity == "friction_drop" else self.values * self.load
+            self.values
+            if self.quantity == "friction_drop"
+            else self.values * self.load
         )
 
     @property
     def friction_drop_errors(self) -> np.ndarray:
         """Standard errors of ΔF, nN, (m,)."""
         return (
-            self.errors if self.quantity == "friction_drop" else self.errors * self.load
+            self.errors
+            if self.quantity == "friction_drop"
+            else self.errors * self.load
         )
 
     @classmethod
@@ -142,7 +150,9 @@ class MeasuredCurve(Record):
         }
         for what, value in given.items():
             if value is None and getattr(measurements, what) is None:
-                raise InputError(f"{name}: no column {what}; add it, or give {what}")
+                raise InputError(
+                    f"{name}: no column {what}; add it, or give {what}"
+                )
         if there is None and relative_error is None:
             raise InputError(
                 f"{name}: no column error; the density cannot be inferred without standard errors, so add one, or give "

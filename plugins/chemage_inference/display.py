@@ -114,7 +114,11 @@ def _curves(one: Inference) -> Iterator[tuple[Mapping[str, Any], str, np.ndarray
     for number, about in enumerate(one.curves):
         here = np.flatnonzero(one.curve == number)
         order = np.argsort(one.hold_times[here], kind="stable")
-        yield about, _colour(one, (about["load"], about["temperature"])), here[order]
+        yield (
+            about,
+            _colour(one, (about["load"], about["temperature"])),
+            here[order],
+        )
 
 
 def _against_time(axes: Axes, ylabel: str = "friction drop ΔF (nN)") -> None:
@@ -162,7 +166,9 @@ def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
     axes.axhspan(-2, 2, color=GREY, alpha=0.15)
     for _, colour, here in _curves(one):
-        axes.plot(one.hold_times[here], one.residuals[here], "o", ms=3, color=colour)
+        axes.plot(
+            one.hold_times[here], one.residuals[here], "o", ms=3, color=colour
+        )
     _ring(axes, one, one.residuals)
     most = 1.15 * max(3.0, float(np.abs(one.residuals).max(initial=0)))
     axes.set_ylim(-most, most)
@@ -181,9 +187,13 @@ def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
             noise = rng.standard_normal((len(samples), here.size))
             ends = band(samples[:, here] + one.errors[here] * noise, WIDE)
             label = None if number else what
-            axes.fill_between(times, *ends, color=colour, alpha=0.3, lw=0, label=label)
+            axes.fill_between(
+                times, *ends, color=colour, alpha=0.3, lw=0, label=label
+            )
         label = None if number else "measured"
-        axes.plot(times, one.values[here], "o", ms=3, color=figures.BLACK, label=label)
+        axes.plot(
+            times, one.values[here], "o", ms=3, color=figures.BLACK, label=label
+        )
     _against_time(axes)
     figures.legend(axes)
 
@@ -241,7 +251,9 @@ def draw_forecasts(
 def draw_scalar(axes: Axes, medium: object, one: Inference, name: str) -> None:
     """Draw the samples of an unknown, with the bounds of its prior."""
     values = one.scalars[name]
-    low, high = one.scalar_bounds.get(name, (float(values.min()), float(values.max())))
+    low, high = one.scalar_bounds.get(
+        name, (float(values.min()), float(values.max()))
+    )
     bins = list(np.linspace(low, high, 41))
     axes.hist(values, bins=bins, alpha=0.6, density=True)
     ends = low, high, *one.interval(name, WIDE)
@@ -330,7 +342,8 @@ class InferenceDisplay(OfRecord[Inference]):
 
     def parts(self) -> dict[str, Result]:
         return {
-            label: ForecastDisplay(one) for label, one in self.result.forecasts.items()
+            label: ForecastDisplay(one)
+            for label, one in self.result.forecasts.items()
         }
 
     def cite(self) -> tuple[list[str], str]:
@@ -351,14 +364,18 @@ class InferenceDisplay(OfRecord[Inference]):
     def tables(self) -> list[Table]:
         result, one, tables = self.result, self.inference, []
         if families := family_rows(one):
-            title = "Left-out hold times: log predictive score less that of the best"
+            title = (
+                "Left-out hold times: log predictive score less that of the best"
+            )
             columns = "density", "log score", "χ²", "parameters"
             verdict = family_verdict(one)
             remarks = [f"{verdict[0].upper()}{verdict[1:]}."] if verdict else []
             tables.append(Table(title, columns, families, "Families", remarks))
         if result.forecasts:
             columns = "forecast", "ΔF, median", "68 % (nN)", "90 % (nN)"
-            rows = [forecast_row(*labelled) for labelled in result.forecasts.items()]
+            rows = [
+                forecast_row(*labelled) for labelled in result.forecasts.items()
+            ]
             title = "Forecasts of the friction drop"
             tables.append(Table(title, columns, rows, "Forecasts"))
         if result.experiments:
@@ -418,10 +435,14 @@ class InferenceDisplay(OfRecord[Inference]):
         one, forecasts = self.inference, self.result.forecasts
         families = " Orange: families of densities." if _families(one) else ""
 
-        def panel(key: str, draw: Any, alt: str, height: float, **more: Any) -> Panel:
+        def panel(
+            key: str, draw: Any, alt: str, height: float, **more: Any
+        ) -> Panel:
             caption = _CAPTIONS[key].format(families=families)
             size, name = (_PAGE[0], height), more.get("name", key)
-            return Panel(partial(draw, one=one, **more), caption, alt, size, name=name)
+            return Panel(
+                partial(draw, one=one, **more), caption, alt, size, name=name
+            )
 
         low, high = one.visible_range
         seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
@@ -454,7 +475,9 @@ class InferenceDisplay(OfRecord[Inference]):
             pictures["forecasts"] = Picture(drawn, size, columns)
         if one.scalars:
             drawn = [
-                panel("unknowns", draw_scalar, _HISTOGRAM.format(name), 2.8, name=name)
+                panel(
+                    "unknowns", draw_scalar, _HISTOGRAM.format(name), 2.8, name=name
+                )
                 for name in one.scalars
             ]
             pictures["unknowns"] = Picture(drawn, (4.2 * len(drawn), 3.4))
@@ -482,7 +505,10 @@ class ForecastDisplay(OfRecord[Forecast]):
     def facts(self) -> Rows:
         one = self.record
         name, median, likely, sure = forecast_row("ΔF", one)
-        conditions = ("temperature, load", f"{one.temperature:g} K, {one.load:g} nN")
+        conditions = (
+            "temperature, load",
+            f"{one.temperature:g} K, {one.load:g} nN",
+        )
         return [conditions, (name, f"{median}; 68 %: {likely} nN, 90 %: {sure} nN")]
 
     def columns(self) -> dict[str, Any]:

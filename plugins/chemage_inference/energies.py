@@ -98,12 +98,17 @@ class EnergyGrid:
 
 
 def energy_grid(
-    chemistry: Chemistry, temperatures: np.ndarray, times: np.ndarray, lowering: float
+    chemistry: Chemistry,
+    temperatures: np.ndarray,
+    times: np.ndarray,
+    lowering: float,
 ) -> EnergyGrid:
     """Nodes for hold times (s) at temperatures (K), where pressure lowers barriers by up to ``lowering`` eV."""
     kt = KB * temperatures
     low = float(np.min(kt * np.log(chemistry.attempt_frequency * times)))
-    high = float(np.max(kt * np.log(chemistry.attempt_frequency * times))) + lowering
+    high = (
+        float(np.max(kt * np.log(chemistry.attempt_frequency * times))) + lowering
+    )
     low, high = low - BELOW, high + ABOVE + 2 * float(kt.max())
     low = max(low, -0.5)
     step = max(float(kt.min()) / NODES_PER_KT, (high - low) / MOST_NODES)
@@ -117,7 +122,10 @@ def averaging(nodes: np.ndarray, resolution: float) -> np.ndarray:
 
 
 def bonded_probability(
-    chemistry: Chemistry, temperature: float, times: np.ndarray, energies: np.ndarray
+    chemistry: Chemistry,
+    temperature: float,
+    times: np.ndarray,
+    energies: np.ndarray,
 ) -> np.ndarray:
     """Probability that a site over the forming barrier is bonded, (times, energies), averaged over breaking barriers.
 
@@ -172,7 +180,9 @@ class Kernel:
         left = place.astype(np.int64)
         return left, place - left
 
-    def spread(self, shift: np.ndarray, weight: float | np.ndarray = 1.0) -> np.ndarray:
+    def spread(
+        self, shift: np.ndarray, weight: float | np.ndarray = 1.0
+    ) -> np.ndarray:
         """(r, shifts): the weights of the tabulated shifts, for rows of shifts (r, s) that weigh ``weight``."""
         left, part = self.places(shift)
         rows = self.shifts * np.arange(len(shift))[:, None]
@@ -260,7 +270,11 @@ class MeanField:
     def __init__(
         self, kernel: Kernel, environments: Environments, temperature: float
     ) -> None:
-        self.kernel, self.environments, self.kt = kernel, environments, KB * temperature
+        self.kernel, self.environments, self.kt = (
+            kernel,
+            environments,
+            KB * temperature,
+        )
         self.times, self._rows = kernel.times, np.arange(kernel.times.size)[:, None]
 
     def solve(self, density: np.ndarray, start: np.ndarray | None = None) -> Solved:
@@ -314,7 +328,9 @@ class MeanField:
         rows = np.arange(len(at))[:, None]
         height = np.cumsum(env.coupling[rows, order], axis=1)
         factors = np.exp(np.clip(-height / self.kt, -700.0, 700.0))
-        return at[rows, order], np.concatenate([np.ones((len(at), 1)), factors], axis=1)
+        return at[rows, order], np.concatenate(
+            [np.ones((len(at), 1)), factors], axis=1
+        )
 
     def _shifted(self, shares: np.ndarray) -> tuple[np.ndarray, ...]:
         """:meth:`_events`; τ, (l, M) s, the time during which a site without neighbours would have had the same chance
@@ -323,14 +339,17 @@ class MeanField:
         steps = np.diff(factors, axis=1)
         tau = np.repeat(self.times[:, None], len(at), axis=1)
         for slot in range(at.shape[1]):
-            tau += steps[:, slot] * np.maximum(self.times[:, None] - at[:, slot], 0.0)
+            tau += steps[:, slot] * np.maximum(
+                self.times[:, None] - at[:, slot], 0.0
+            )
         # what cancels is rounded to a part of the hold time
         tau = np.maximum(tau, 1e-15 * self.times[:, None])
         return (
             at,
             factors,
             tau,
-            self.environments.lowering + self.kt * np.log(self.times[:, None] / tau),
+            self.environments.lowering
+            + self.kt * np.log(self.times[:, None] / tau),
         )
 
     def _with_derivative(self, shares: np.ndarray, table: np.ndarray) -> Solved:
@@ -347,13 +366,19 @@ class MeanField:
             here = np.flatnonzero(env.group == number)
             weight = kernel.spread(shifts[:, here]) / here.size
             direct = kernel.matrix(weight)
-            back = self._back(shares[number], at[here], factors[here], by_tau[:, here])
+            back = self._back(
+                shares[number], at[here], factors[here], by_tau[:, here]
+            )
             derivative.append(algebra.solve(np.eye(self.times.size) - back, direct))
             weights.append(weight)
         return Solved(shares, np.stack(derivative), np.stack(weights))
 
     def _back(
-        self, share: np.ndarray, at: np.ndarray, factors: np.ndarray, by_tau: np.ndarray
+        self,
+        share: np.ndarray,
+        at: np.ndarray,
+        factors: np.ndarray,
+        by_tau: np.ndarray,
     ) -> np.ndarray:
         """(l, l'): by how much the share at time l changes with the share at time l', through the neighbours.
 
@@ -368,12 +393,18 @@ class MeanField:
                 np.isfinite(at[:, slot]) & (at[:, slot] > self.times[0])
             )
             moment = at[inside, slot]
-            cell = np.clip(np.searchsorted(logs, np.log(moment)) - 1, 0, share.size - 2)
+            cell = np.clip(
+                np.searchsorted(logs, np.log(moment)) - 1, 0, share.size - 2
+            )
             part = np.clip(
-                (np.log(moment) - logs[cell]) / (logs[cell + 1] - logs[cell]), 0.0, 1.0
+                (np.log(moment) - logs[cell]) / (logs[cell + 1] - logs[cell]),
+                0.0,
+                1.0,
             )
             rate = (
-                (risen[cell + 1] - risen[cell]) / (logs[cell + 1] - logs[cell]) / moment
+                (risen[cell + 1] - risen[cell])
+                / (logs[cell + 1] - logs[cell])
+                / moment
             )
             # dτ/dT = −(factor after − factor before), dT/dshare = −1/rate
             gain = np.divide(

@@ -109,7 +109,8 @@ def check_explained(
     chi2, scaled = float(residuals @ residuals), np.any(largest > 1.01 * stated)
     worst = np.argsort(-np.abs(residuals))[:3]
     places = "; ".join(
-        f"{residuals[at]:+.1f} standard errors at {labels[at]}" for at in sorted(worst)
+        f"{residuals[at]:+.1f} standard errors at {labels[at]}"
+        for at in sorted(worst)
     )
     share = float(algebra.product(density, grid.areas))
     why = []
@@ -193,7 +194,9 @@ def _best_point(model: Model) -> int:
     best, step = model.middle, int(nodes.max() + 1) // 4
     while step:
         away = np.abs(nodes - nodes[best])
-        near = np.flatnonzero((away.sum(axis=1) == step) & (away.max(axis=1) == step))
+        near = np.flatnonzero(
+            (away.sum(axis=1) == step) & (away.max(axis=1) == step)
+        )
         other = min(map(int, near), key=misfit, default=best)
         if misfit(other) < misfit(best):
             best = other
@@ -330,7 +333,12 @@ def short(
 ) -> Samples:
     """Fewer samples, where their mean and covariance are enough."""
     return sample(
-        problem, start, samples=SHORT, seed=seed, sweeps=SHORT_SWEEPS, threads=threads
+        problem,
+        start,
+        samples=SHORT,
+        seed=seed,
+        sweeps=SHORT_SWEEPS,
+        threads=threads,
     )
 
 
@@ -389,10 +397,14 @@ def _piecewise(low: float, high: float) -> Family:
         sums = np.concatenate(
             [[0.0], np.cumsum((heights[1:] + heights[:-1]) / 2 * np.diff(nodes))]
         )
-        place = np.clip(np.searchsorted(nodes, energy, side="right") - 1, 0, NODES - 2)
+        place = np.clip(
+            np.searchsorted(nodes, energy, side="right") - 1, 0, NODES - 2
+        )
         part = np.clip(energy - nodes[place], 0.0, np.diff(nodes)[place])
         slope = np.diff(heights)[place] / np.diff(nodes)[place]
-        return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[-1]
+        return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[
+            -1
+        ]
 
     names = tuple(
         f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV"
@@ -436,12 +448,16 @@ def blocks_of(curve: np.ndarray, hold_times: np.ndarray) -> np.ndarray:
     blocks = np.zeros(curve.size, dtype=np.int64)
     for number in np.unique(curve):
         here = np.flatnonzero(curve == number)
-        rank = np.argsort(np.argsort(hold_times[here], kind="stable"), kind="stable")
+        rank = np.argsort(
+            np.argsort(hold_times[here], kind="stable"), kind="stable"
+        )
         blocks[here] = rank * min(BLOCKS, here.size) // here.size
     return blocks
 
 
-def log_score(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> float:
+def log_score(
+    values: np.ndarray, mean: np.ndarray, covariance: np.ndarray
+) -> float:
     """Logarithm of the normal density of ``values``."""
     lower = np.linalg.cholesky(covariance)
     away = np.linalg.solve(lower, values - mean)
@@ -484,7 +500,9 @@ def compared(
             threads,
         )
         values = few.fitted(problem)[:, out]
-        covariance = np.atleast_2d(np.cov(values.T)) + np.diag(problem.errors[out] ** 2)
+        covariance = np.atleast_2d(np.cov(values.T)) + np.diag(
+            problem.errors[out] ** 2
+        )
         scores["density"] += log_score(
             problem.values[out], values.mean(axis=0), covariance
         )
@@ -508,7 +526,9 @@ def _compared(
     chosen: Family, data: Linear, blocks: np.ndarray
 ) -> tuple[dict[str, Any], float]:
     """The fit of a family to all points, and its score on blocks left out."""
-    theta, covariance, chi2 = _fit(chosen, data, np.ones(data.values.size, dtype=bool))
+    theta, covariance, chi2 = _fit(
+        chosen, data, np.ones(data.values.size, dtype=bool)
+    )
     names = list(chosen.parameters)
     shown = theta.copy()
     errors = np.sqrt(np.diag(covariance))

@@ -131,7 +131,9 @@ class Forecast(Record):
         low, high = self.band(WIDE)
         ends = f"{low[-1]:.4g} to {high[-1]:.4g}"
         value = (
-            f"{ends} nN" if self.bounds_only else f"{self.median[-1]:.4g} nN ({ends})"
+            f"{ends} nN"
+            if self.bounds_only
+            else f"{self.median[-1]:.4g} nN ({ends})"
         )
         return f"<Forecast {self.load:g} nN, {self.temperature:g} K: {value} at {self.hold_times[-1]:g} s>"
 
@@ -147,7 +149,9 @@ def band(samples: np.ndarray, level: float) -> tuple[Any, Any]:
         ``level`` is not between 0 and 1.
     """
     if not 0 < level < 1:
-        raise InputError.of("level", level, "must be between 0 and 1", "95 % is 0.95")
+        raise InputError.of(
+            "level", level, "must be between 0 and 1", "95 % is 0.95"
+        )
     low, high = np.quantile(samples, [0.5 - level / 2, 0.5 + level / 2], axis=0)
     return low, high
 
@@ -172,13 +176,18 @@ def stated(where: str, conditions: Any, names: Sequence[str]) -> dict[str, Any]:
     for name, value in conditions.items():
         if name not in names:
             raise InputError.of(
-                where, name, f"is not known{nearest(str(name), names)}", f"give {known}"
+                where,
+                name,
+                f"is not known{nearest(str(name), names)}",
+                f"give {known}",
             )
         if value is None:
             continue
         unit, example = STATED[name]
         share = (
-            name == "error" and isinstance(value, str) and value.strip().endswith("%")
+            name == "error"
+            and isinstance(value, str)
+            and value.strip().endswith("%")
         )
         number = (
             convert(value, "" if share else unit, f"{where}.{name}")
@@ -203,9 +212,7 @@ def checked_target(where: str, target: Any) -> dict[str, Any]:
         ("energy" in wanted) == ("hold_time" in wanted)
         or ("energy" in wanted and len(wanted) > 1)
     ):
-        example = (
-            "an energy, such as 1.0 eV, or a forecast with its hold_time, such as 1e5 s"
-        )
+        example = "an energy, such as 1.0 eV, or a forecast with its hold_time, such as 1e5 s"
         raise InputError.of(
             where, target, "is neither an energy nor a forecast", f"give {example}"
         )
@@ -290,7 +297,9 @@ class Forecaster:
             part = value + algebra.product(self.samples[here] - mean, matrix.T)
             predicted[here] = part * (
                 1
-                + noise[here, None] * condition.correction_error / condition.correction
+                + noise[here, None]
+                * condition.correction_error
+                / condition.correction
             )
         return np.maximum(predicted * factor[:, None], 0.0), matrix
 
@@ -301,7 +310,9 @@ class Forecaster:
         hold_times: Sequence[float] | np.ndarray | None,
     ) -> tuple[float, float, np.ndarray]:
         """Load (nN), temperature (K) and hold times above zero (s); what is None is as in the scene."""
-        newton = self.scene.given_load("a forecast") if load is None else force(load)
+        newton = (
+            self.scene.given_load("a forecast") if load is None else force(load)
+        )
         if not newton > 0:
             raise InputError.of(
                 "load", load, "must be above zero", "give a force such as 50 nN"
@@ -333,7 +344,9 @@ class Forecaster:
         newton, kelvin, times = self.conditions(load, temperature, hold_times)
         unique, place = np.unique(times, return_inverse=True)
         with self.scene.in_use():
-            samples, matrix = self.predicted(newton, kelvin, unique, calibrated=True)
+            samples, matrix = self.predicted(
+                newton, kelvin, unique, calibrated=True
+            )
         parts = np.abs(matrix * self.samples.mean(axis=0))
         unseen = parts[:, ~self.visible].sum(axis=1) / np.maximum(
             parts.sum(axis=1), 1e-300
@@ -389,7 +402,10 @@ class Forecaster:
             )
         if not 0 < relative_error < 10:
             raise InputError.of(
-                "relative_error", relative_error, "must be above zero", "3 % is 0.03"
+                "relative_error",
+                relative_error,
+                "must be above zero",
+                "3 % is 0.03",
             )
         goals = self._goals(target, resolution)
         goals = goals - goals.mean(axis=0)
@@ -457,7 +473,9 @@ class Forecaster:
         )
         return load, kelvin, float(times[0])
 
-    def _goals(self, target: Mapping[str, Any] | None, resolution: float) -> np.ndarray:
+    def _goals(
+        self, target: Mapping[str, Any] | None, resolution: float
+    ) -> np.ndarray:
         """(S, k) what is wanted, of each sample."""
         nodes = self.grid.nodes
         wanted = checked_target("target", target or {})

@@ -132,7 +132,11 @@ class Condition:
         )
 
     def calibrate(
-        self, density: np.ndarray, scene: Scene, seed: int, threads: int | None = None
+        self,
+        density: np.ndarray,
+        scene: Scene,
+        seed: int,
+        threads: int | None = None,
     ) -> None:
         """Simulate the kinetics of the sites with barriers of ``density``, and correct the mean field at it.
 
@@ -301,7 +305,9 @@ def largest_lowering(
     if isinstance(contact, ContactSolution):
         pressure = np.sort(chemistry.sites_of(contact).pressure)
         top = (
-            float(pressure[int(0.999 * (pressure.size - 1))]) if pressure.size else 0.0
+            float(pressure[int(0.999 * (pressure.size - 1))])
+            if pressure.size
+            else 0.0
         )
     else:
         top = float(contact.pressure[-1])
@@ -366,7 +372,10 @@ def make_condition(
 
 
 def _alone(
-    kernel: Kernel, shift: np.ndarray, weight: np.ndarray | float, total: float = 1.0
+    kernel: Kernel,
+    shift: np.ndarray,
+    weight: np.ndarray | float,
+    total: float = 1.0,
 ) -> np.ndarray:
     """(l, n): derivative of the bonded share by the density; sites of ``shift`` (s,) weigh ``weight`` of ``total``."""
     weights = kernel.spread(shift[None], weight) / total
@@ -406,7 +415,9 @@ def _environments(
         begin = end
     order = np.argsort(pressure, kind="stable")
     count = min(ENVIRONMENTS, pressure.size)
-    chosen = order[((np.arange(count) + 0.5) / count * pressure.size).astype(np.int64)]
+    chosen = order[
+        ((np.arange(count) + 0.5) / count * pressure.size).astype(np.int64)
+    ]
     groups = GROUPS if chemistry.activation_volume and count >= 20 * GROUPS else 1
     group = (np.arange(count) * groups // count).astype(np.int64)
     edges = np.array(
@@ -451,14 +462,17 @@ class Model:
         self.floors = np.array(
             [MODEL_ERROR * np.abs(curve.friction_drop).max() for curve in curves]
         )[self.curve]
-        self.stated = np.concatenate([curve.friction_drop_errors for curve in curves])
+        self.stated = np.concatenate(
+            [curve.friction_drop_errors for curve in curves]
+        )
         #: errors as they are thought to be now
         self.state = self._noise(self.floors).start
         self.which = np.array(
             [self.keys.index((curve.load, curve.temperature)) for curve in curves]
         )[self.curve]
         self.times = [
-            np.unique(self.hold_times[self.which == k]) for k in range(len(self.keys))
+            np.unique(self.hold_times[self.which == k])
+            for k in range(len(self.keys))
         ]
 
     def condition(self, point: int, number: int) -> Condition:
@@ -508,10 +522,13 @@ class Model:
     def _at(self, point: int) -> list[Condition]:
         return [self.condition(point, number) for number in range(len(self.keys))]
 
-    def linear(self, density: np.ndarray, point: int) -> tuple[np.ndarray, np.ndarray]:
+    def linear(
+        self, density: np.ndarray, point: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """ΔF of every measured point at ``density`` (m,), and its derivative (m, n)."""
         values, slopes = zip(
-            *(condition.linear(density) for condition in self._at(point)), strict=True
+            *(condition.linear(density) for condition in self._at(point)),
+            strict=True,
         )
         return self._gathered(values), self._gathered(slopes)
 
@@ -542,7 +559,12 @@ class Model:
             [self.instruments.index(curve.instrument) for curve in self.curves]
         )
         return Noise(
-            self.error_model, self.stated, floors, self.curve, self.hold_times, numbers
+            self.error_model,
+            self.stated,
+            floors,
+            self.curve,
+            self.hold_times,
+            numbers,
         )
 
     @property
@@ -599,7 +621,11 @@ def make_model(
     for done, load in enumerate(loads):
         if progress:
             progress(done, len(loads))
-        top = load * float(unknowns.axes[LOAD].max()) if LOAD in unknowns.axes else load
+        top = (
+            load * float(unknowns.axes[LOAD].max())
+            if LOAD in unknowns.axes
+            else load
+        )
         lowering = max(lowering, largest_lowering(contacts.at(top), widest))
     if progress:
         progress(len(loads), len(loads))
@@ -608,7 +634,9 @@ def make_model(
     )
     times = np.concatenate([curve.hold_times for curve in curves])
     grid = energy_grid(widest, temperatures, times, lowering)
-    if "attempt_frequency" in bounds:  # the lowest frequency reacts at lower energies
+    if (
+        "attempt_frequency" in bounds
+    ):  # the lowest frequency reacts at lower energies
         lower = energy_grid(
             widest.replace(attempt_frequency=bounds["attempt_frequency"][0]),
             temperatures,
@@ -617,4 +645,6 @@ def make_model(
         )
         count = int(np.ceil((grid.nodes[-1] - lower.first) / grid.step)) + 1
         grid = EnergyGrid(lower.first, grid.step, count)
-    return Model(scene, chemistry, unknowns, curves, grid, contacts, seed, error_model)
+    return Model(
+        scene, chemistry, unknowns, curves, grid, contacts, seed, error_model
+    )

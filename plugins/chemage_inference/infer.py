@@ -171,7 +171,8 @@ def calibrations(
                 "calibration", name, "is no calibration", "choose force or load"
             )
     errors = {
-        name: convert(value, "", f"calibration.{name}") for name, value in parts.items()
+        name: convert(value, "", f"calibration.{name}")
+        for name, value in parts.items()
     }
     for name, value in errors.items():
         if not 0 <= value <= MOST_CALIBRATION:
@@ -267,7 +268,9 @@ def with_hidden(
         problem.unknowns.weights(samples.positions),
         samples.factors,
         noise.white(state, problem.values),
-        np.stack([noise.white(state, factor * offset) for offset in problem.offsets]),
+        np.stack(
+            [noise.white(state, factor * offset) for offset in problem.offsets]
+        ),
         KB * max(curve.temperature for curve in model.curves),
     )
     seen = np.pad(model.seen(), more[1])
@@ -293,12 +296,16 @@ def _inference(
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
     visible = _visible(model, samples.densities, prior, resolution)
     smooth = model.grid
-    model, problem, samples, prior = with_hidden(model, samples, problem.prior, prior)
+    model, problem, samples, prior = with_hidden(
+        model, samples, problem.prior, prior
+    )
     noise, state = problem.noise, samples.typical
     fitted = samples.calibrations[:, noise.instrument] * samples.fitted(problem)
     # in independent combinations of the points, or a correlated error counts as a parameter of the density
     each = noise.white(state, (problem.values - fitted).T)
-    chi2 = float(np.sum(noise.white(state, problem.values - fitted.mean(axis=0)) ** 2))
+    chi2 = float(
+        np.sum(noise.white(state, problem.values - fitted.mean(axis=0)) ** 2)
+    )
     unknowns = problem.unknowns
     scalars = unknowns.values(samples.positions)
     if unknowns.factor is not None:
@@ -353,7 +360,9 @@ def _inference(
     inference = inference.model_copy(update={"notes": tuple(notes)})
     contacts = [model.contacts.at(load) for load, _ in model.keys]
     plugins = {
-        name: source for contact in contacts for name, source in contact.plugins.items()
+        name: source
+        for contact in contacts
+        for name, source in contact.plugins.items()
     }
     return inference.noting(
         plugins, [entry for contact in contacts for entry in contact.approximate]
@@ -365,10 +374,13 @@ def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
     terms, error_model = {}, model.error_model
     if error_model.scaled:
         terms |= {
-            f"scale {number}": scale for number, scale in enumerate(samples.scales.T)
+            f"scale {number}": scale
+            for number, scale in enumerate(samples.scales.T)
         }
     if error_model.correlated:
-        terms["correlation time"] = np.exp([state.log_time for state in samples.states])
+        terms["correlation time"] = np.exp(
+            [state.log_time for state in samples.states]
+        )
     if error_model.calibration:
         names = [f"calibration of {name}" for name in model.instruments]
         terms |= dict(
@@ -385,7 +397,10 @@ def _cite(scene: Scene) -> list[str]:
     """What to cite: the publications of all parts of the scene but its forming barriers, which are not used."""
     forming = None if scene.chemistry is None else scene.chemistry.forming
     texts = [
-        text for part in scene.components() if part is not forming for text in part.cite
+        text
+        for part in scene.components()
+        if part is not forming
+        for text in part.cite
     ]
     return list(
         dict.fromkeys([*texts, *(value.source for value in scene.from_material)])
@@ -445,7 +460,9 @@ def _notes(
         yield f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
 
 
-def _above(problem: Problem, samples: Samples, inference: Inference) -> Iterator[str]:
+def _above(
+    problem: Problem, samples: Samples, inference: Inference
+) -> Iterator[str]:
     """A note if the friction at the last hold time comes mainly from barriers above the visible energies."""
     high, energies = inference.visible_range[1], inference.energies
     last = int(np.argmax(inference.hold_times))
@@ -467,7 +484,10 @@ def _above(problem: Problem, samples: Samples, inference: Inference) -> Iterator
 
 def _hardly_any(model: Model) -> Iterator[str]:
     """A note if less than one bond has formed in every contact."""
-    if model.values.max() < model.chemistry.bond_force * model.chemistry.front_factor:
+    if (
+        model.values.max()
+        < model.chemistry.bond_force * model.chemistry.front_factor
+    ):
         last = int(np.argmax(model.hold_times))
         number = int(model.which[last])
         condition = model.condition(model.middle, number)

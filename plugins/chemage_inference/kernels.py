@@ -91,12 +91,16 @@ def at_log_tail(log_share):
     """
     if log_share >= -1e-300:
         return -38.0
-    lower = log_share > -math.log(2.0)  # by the other tail, which is the smaller one
+    lower = log_share > -math.log(
+        2.0
+    )  # by the other tail, which is the smaller one
     goal = math.log(-math.expm1(log_share)) if lower else log_share
     z = math.sqrt(max(-2.0 * (goal + math.log(2.0)), 0.0))
     for _ in range(60):
         tail = 0.5 * scaled_erfc(z / math.sqrt(2.0))
-        step = (math.log(tail) - 0.5 * z * z - goal) * tail * math.sqrt(2.0 * math.pi)
+        step = (
+            (math.log(tail) - 0.5 * z * z - goal) * tail * math.sqrt(2.0 * math.pi)
+        )
         z += step
         if abs(step) < 1e-12 * (1.0 + z):
             break
@@ -195,7 +199,13 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                     a += moving[k] * moving[k]
                     b += fixed[k] * moving[k]
                     c += fixed[k] * fixed[k]
-                lows[part], highs[part], curves[part], linears[part], rests[part] = (
+                (
+                    lows[part],
+                    highs[part],
+                    curves[part],
+                    linears[part],
+                    rests[part],
+                ) = (
                     low,
                     high,
                     a,
@@ -223,7 +233,11 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 logs[part] = -np.inf
             else:
                 logs[part] = piece(
-                    curves[part], linears[part], rests[part], lows[part], highs[part]
+                    curves[part],
+                    linears[part],
+                    rests[part],
+                    lows[part],
+                    highs[part],
                 )
                 best = max(best, logs[part])
         total = 0.0
@@ -289,7 +303,17 @@ def solved(factor, goals):
 
 @kernel(nogil=True)
 def moved(
-    x, choices, level, inverses, logs, matrices, targets, areas, limits, gumbels, shift
+    x,
+    choices,
+    level,
+    inverses,
+    logs,
+    matrices,
+    targets,
+    areas,
+    limits,
+    gumbels,
+    shift,
 ):
     """Draw among ``choices`` (k,) of the prior and models of the measurements, at fixed v and fixed signs.
 
@@ -347,7 +371,9 @@ def moved(
 
 
 @kernel(nogil=True)
-def curve_logs(residual, stated, floors, curve, near, scales, inflation, rare, wider):
+def curve_logs(
+    residual, stated, floors, curve, near, scales, inflation, rare, wider
+):
     """(curves,) logarithms of the density of residuals (m,), each given the one before, but for a constant.
 
     ``near`` (m,): correlation with the point before. With ``rare`` above zero each point is ``wider`` with that
@@ -370,7 +396,9 @@ def curve_logs(residual, stated, floors, curve, near, scales, inflation, rare, w
         before = away
         if rare > 0.0:
             wide = math.sqrt((size * wider) ** 2 + floors[i] ** 2)
-            other = math.log(rare) - 0.5 * (residual[i] / wide) ** 2 - math.log(wide)
+            other = (
+                math.log(rare) - 0.5 * (residual[i] / wide) ** 2 - math.log(wide)
+            )
             value += math.log(1.0 - rare)
             top = max(value, other)
             value = top + math.log(math.exp(value - top) + math.exp(other - top))

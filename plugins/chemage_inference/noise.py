@@ -114,7 +114,9 @@ class Noise:
     def without(self, left_out: np.ndarray) -> Noise:
         """The same of the points that ``left_out`` (m,) does not mark."""
         names = ("stated", "floors", "curve", "hold_times")
-        return replace(self, **{name: getattr(self, name)[~left_out] for name in names})
+        return replace(
+            self, **{name: getattr(self, name)[~left_out] for name in names}
+        )
 
     @cached_property
     def _gaps(self) -> np.ndarray:
@@ -209,7 +211,9 @@ class Noise:
             gain = there - here - 0.5 * (after**2 - before**2) / SPREAD**2
             inside = (after >= np.log(SMALLEST)) & (after <= np.log(LARGEST))
             taken = inside & (np.log(rng.random(count)) < gain)
-            state = replace(state, scales=np.where(taken, other.scales, state.scales))
+            state = replace(
+                state, scales=np.where(taken, other.scales, state.scales)
+            )
             here = np.where(taken, there, here)
         return state
 
@@ -228,17 +232,24 @@ class Noise:
             )
             change = self._logs(wide, residual) - self._logs(calm, residual)
             if self.model.correlated:  # what the next point says of this one
-                change = change + np.append(np.where(chosen[1:], 0.0, change[1:]), 0.0)
+                change = change + np.append(
+                    np.where(chosen[1:], 0.0, change[1:]), 0.0
+                )
             off = rng.logistic(size=residual.size) < change + odds
             state = replace(
                 state,
-                inflation=np.where(chosen, np.where(off, WIDER, 1.0), state.inflation),
+                inflation=np.where(
+                    chosen, np.where(off, WIDER, 1.0), state.inflation
+                ),
             )
         return state
 
     def guessed(self, residual: np.ndarray, parameters: int) -> State:
         """Errors that about explain the residuals of a fit with so many parameters: where a chain begins."""
-        away, state = np.abs(residual) / np.hypot(self.stated, self.floors), self.start
+        away, state = (
+            np.abs(residual) / np.hypot(self.stated, self.floors),
+            self.start,
+        )
         scales, inflation = state.scales.copy(), state.inflation.copy()
         for number in range(scales.size):
             here = np.flatnonzero(self.curve == number)
@@ -258,7 +269,9 @@ class Noise:
             return self.errors(state)
         wider = np.where(state.inflation > 1, WIDER / LARGEST, 1.0)
         return self.errors(
-            replace(state, scales=np.full_like(state.scales, LARGEST), inflation=wider)
+            replace(
+                state, scales=np.full_like(state.scales, LARGEST), inflation=wider
+            )
         )
 
 

@@ -41,7 +41,11 @@ def _ratio(chains: np.ndarray) -> float:
     count = chains.shape[1]
     within = chains.var(axis=1, ddof=1).mean()
     between = count * chains.mean(axis=1).var(ddof=1)
-    return float(np.sqrt((between / within + count - 1) / count)) if within > 0 else 1.0
+    return (
+        float(np.sqrt((between / within + count - 1) / count))
+        if within > 0
+        else 1.0
+    )
 
 
 def effective(chains: np.ndarray) -> float:
@@ -80,7 +84,10 @@ def sampled(one: Any) -> dict[str, np.ndarray]:
     chains = int(one.diagnostics.get("chains", 1))
     named = {
         **one.scalars,
-        **{name.replace(" ", "_"): values for name, values in one.error_terms.items()},
+        **{
+            name.replace(" ", "_"): values
+            for name, values in one.error_terms.items()
+        },
     }
     every = {"density": one.samples, **named}
     return {

@@ -133,7 +133,9 @@ class Prior:
         while (
             len(densities) < count
         ):  # a range of energies so wide that hardly any density has an integral below 1
-            densities.append(densities[-1] if densities else np.zeros(self.nodes.size))
+            densities.append(
+                densities[-1] if densities else np.zeros(self.nodes.size)
+            )
         return np.stack(densities)
 
 
@@ -204,7 +206,9 @@ class Unknowns:
     def chemistry(self, chemistry: Chemistry, point: int) -> Chemistry:
         """The chemistry at a point of the grid."""
         values = self.values(self.nodes[[point]])
-        changed = {name: float(at[0]) for name, at in values.items() if name != LOAD}
+        changed = {
+            name: float(at[0]) for name, at in values.items() if name != LOAD
+        }
         return chemistry.replace(**changed) if changed else chemistry
 
     def load(self, stated: float, point: int) -> float:
@@ -224,7 +228,8 @@ class Unknowns:
 
 
 def unknowns_of(
-    names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str],
+    names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]]
+    | Sequence[str],
     chemistry: Chemistry,
     load_error: float = 0.0,
 ) -> Unknowns:
@@ -251,12 +256,15 @@ def unknowns_of(
     if "bond_force" in bounds:
         low, high = np.log(np.array(bounds["bond_force"]) / chemistry.bond_force)
         factor = float(low), float(high)
-    return Unknowns(dict(zip(on_grid, axes, strict=True)), factor, bounds, load_error)
+    return Unknowns(
+        dict(zip(on_grid, axes, strict=True)), factor, bounds, load_error
+    )
 
 
 def _bounds(
     name: str,
-    names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]] | Sequence[str],
+    names: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]]
+    | Sequence[str],
     chemistry: Chemistry,
 ) -> tuple[float, float]:
     if name not in UNITS:
@@ -272,12 +280,17 @@ def _bounds(
         if name == "activation_volume":
             return 0.0, max(2 * value, 0.012)
         return (
-            (value / 3, value * 3) if name == "bond_force" else (value / 30, value * 30)
+            (value / 3, value * 3)
+            if name == "bond_force"
+            else (value / 30, value * 30)
         )
     ends = names[name]
     if isinstance(ends, str) or not isinstance(ends, Sequence) or len(ends) != 2:
         raise InputError.of(
-            f"unknown.{name}", ends, "must be a lower and an upper bound", f"in {unit}"
+            f"unknown.{name}",
+            ends,
+            "must be a lower and an upper bound",
+            f"in {unit}",
         )
     low, high = (convert(end, unit, f"unknown.{name}") for end in ends)
     if not (0 <= low < high < np.inf) or (logarithmic and low <= 0):
@@ -442,7 +455,8 @@ class Hidden:
         self.count = stop - first + 1
         edges = np.arange(self.count)
         share = np.diff(
-            ndtr((edges - edges[:, None]) * grid.step / WIDTHS[:, None, None]), axis=-1
+            ndtr((edges - edges[:, None]) * grid.step / WIDTHS[:, None, None]),
+            axis=-1,
         )
         #: (widths, positions, stop - first) 1/eV, each of integral 1
         self.shapes = share / share.sum(axis=-1, keepdims=True) / self.areas
@@ -504,7 +518,9 @@ class Hidden:
         rng: np.random.Generator,
     ) -> Peaks:
         """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
-        tables = np.einsum("gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes)
+        tables = np.einsum(
+            "gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes
+        )
         factor = data.factors[:, None]
         seen = values_of(rest, data.weights, data.matrices, data.offsets)
         base, scale = data.values - factor * seen, factor * shares[:, None]
@@ -516,7 +532,9 @@ class Hidden:
         ].T
         tables, base = algebra.product(tables, axes), algebra.product(base, axes)
         # those of each sample, where scalars are unknown
-        tables = algebra.product(data.weights, tables) if len(tables) > 1 else tables
+        tables = (
+            algebra.product(data.weights, tables) if len(tables) > 1 else tables
+        )
         row = np.arange(len(base))[:, None] if len(tables) > 1 else 0
 
         def misfit(peaks: Peaks) -> np.ndarray:
@@ -530,7 +548,9 @@ class Hidden:
 
         here = misfit(peaks)
         for number in range(MOVES):
-            other, gain = self._proposed(peaks, number % 7, data.kt / self.step, rng)
+            other, gain = self._proposed(
+                peaks, number % 7, data.kt / self.step, rng
+            )
             inside = (self._inside(other.place) | ~other.there).all(axis=1)
             other = other._replace(place=np.clip(other.place, 0, self.count - 1))
             there = misfit(other)
@@ -591,7 +611,9 @@ class Hidden:
             # the move back must be possible: it draws the peaks that this one replaces or switches off, shifted as well
             gone = peaks.there & (~there | (place != peaks.place))
             gain = np.where(
-                (self._inside(peaks.place - away) | ~gone).all(axis=1), gain, -np.inf
+                (self._inside(peaks.place - away) | ~gone).all(axis=1),
+                gain,
+                -np.inf,
             )
         return other, gain
 
@@ -603,7 +625,8 @@ class Hidden:
         log_rates = np.where(peaks.there, log_rates, -np.inf)
         top = log_rates.max(axis=1)
         return -kt * (
-            top + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1))
+            top
+            + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1))
         )
 
 
@@ -628,6 +651,8 @@ def redrawn_outside(
         below = Hidden(grid, 0, int(inside[0]))
         some = below.redrawn(some, below.integral(some), rng, data)
     above = Hidden(grid, int(inside[-1]) + 1, grid.count)
-    left = np.maximum(1 - algebra.product(some, grid.areas) + above.integral(some), 0.0)
+    left = np.maximum(
+        1 - algebra.product(some, grid.areas) + above.integral(some), 0.0
+    )
     redrawn[chosen] = above.redrawn(some, left, rng, data)
     return redrawn

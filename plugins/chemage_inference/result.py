@@ -88,7 +88,11 @@ class Inference(Record):
             "eV",
             "forming barrier without pressure and without bonded neighbours",
         ),
-        "samples": (("sample", "energy"), "1/eV", "density of each posterior sample"),
+        "samples": (
+            ("sample", "energy"),
+            "1/eV",
+            "density of each posterior sample",
+        ),
         "prior": (
             ("prior_sample", "energy"),
             "1/eV",
@@ -113,7 +117,11 @@ class Inference(Record):
             "",
             "probability that the point is off by more than its error",
         ),
-        "fitted": (("sample", "point"), "nN", "friction drop of each posterior sample"),
+        "fitted": (
+            ("sample", "point"),
+            "nN",
+            "friction drop of each posterior sample",
+        ),
         "prior_fitted": (
             ("prior_sample", "point"),
             "nN",
@@ -273,7 +281,9 @@ class Inference(Record):
         with (
             prefer_plugins()
         ):  # what is stored does not depend on what is preferred now
-            return parse_scene(self.provenance["scene"], "the scene of this inference")
+            return parse_scene(
+                self.provenance["scene"], "the scene of this inference"
+            )
 
     @property
     def measured(self) -> tuple[MeasuredCurve, ...]:
@@ -319,7 +329,9 @@ class Inference(Record):
                 "ask for fewer",
             )
         return self.samples[
-            np.sort(np.random.default_rng(seed).permutation(len(self.samples))[:count])
+            np.sort(
+                np.random.default_rng(seed).permutation(len(self.samples))[:count]
+            )
         ]
 
     def forecast(
@@ -389,10 +401,17 @@ class Inference(Record):
         ).astype(int)
         # the load is that of the forecast, whatever the stated ones were
         scalars = {
-            name: values[rows] for name, values in self.scalars.items() if name != LOAD
+            name: values[rows]
+            for name, values in self.scalars.items()
+            if name != LOAD
         }
         return Forecaster(
-            scene, self.energies, self.samples[rows], self.visible, scalars, self.seed
+            scene,
+            self.energies,
+            self.samples[rows],
+            self.visible,
+            scalars,
+            self.seed,
         )
 
     def summary(self) -> dict[str, Any]:
@@ -455,10 +474,13 @@ def quantities(one: Inference) -> list[Quantity]:
         found.append(_sampled(Quantity(name, unit, label), values))
     for name, values in one.scalars.items():
         low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
-        prior = f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
+        prior = (
+            f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
+        )
         found.append(
             _sampled(
-                Quantity(name, unit_of(name), name.replace("_", " "), of=prior), values
+                Quantity(name, unit_of(name), name.replace("_", " "), of=prior),
+                values,
             )
         )
     return found
@@ -524,7 +546,9 @@ class InferenceResult:
             "experiments": list(self.experiments),
             "target": self.target,
         }
-        container.write(path, self.parts(), {"asked": json.dumps(asked)}, force=force)
+        container.write(
+            path, self.parts(), {"asked": json.dumps(asked)}, force=force
+        )
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> InferenceResult:
@@ -547,7 +571,8 @@ class InferenceResult:
             experiments = tuple(asked.get("experiments", ()))
             target = str(asked.get("target", ""))
         labels += [
-            f"forecast {number}" for number in range(len(labels) + 1, len(parts) + 1)
+            f"forecast {number}"
+            for number in range(len(labels) + 1, len(parts) + 1)
         ]
         return cls(
             inference,

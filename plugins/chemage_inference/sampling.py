@@ -180,7 +180,9 @@ class Chain:
             algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
         )
         matrix = algebra.product(axes, lower)
-        target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[:, 0]
+        target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[
+            :, 0
+        ]
         rest = float(algebra.product(goal, goal) - algebra.product(target, target))
         if mass is not None:
             row = self.problem.areas[:, None] / COMPLETE
@@ -338,7 +340,10 @@ class Chain:
 
     def scalars(self, place: ChainPosition) -> np.ndarray:
         """(k,) position on the grid, logarithm of the common factor, logarithms of calibrations: those unknown."""
-        known = self.problem.unknowns.factor is None, not self.noise.model.calibration
+        known = (
+            self.problem.unknowns.factor is None,
+            not self.noise.model.calibration,
+        )
         factor = () if known[0] else (place.log_factor,)
         calibration = () if known[1] else place.state.calibration
         return np.concatenate([place.position, factor, calibration])
@@ -391,7 +396,11 @@ class Chain:
             step *= np.arange(size) == rng.integers(size)
         step *= rng.choice(STEPS) + LONGER * (len(self._scalars) > 1)
         place, shift = self._placed(self.scalars(self.place) + step), 0
-        if unknowns.axes and rng.random() < 0.5 and self._log_prior(place) > -np.inf:
+        if (
+            unknowns.axes
+            and rng.random() < 0.5
+            and self._log_prior(place) > -np.inf
+        ):
             ends = np.stack([self.place.position, place.position])
             before, after = algebra.product(unknowns.weights(ends), self._energies)
             # rounded up or down at random, the move back is as probable
@@ -422,7 +431,9 @@ class Chain:
         if step < 0:
             return
         gain = (
-            step + np.log(4 / (width * np.sqrt(2 * np.pi))) - 0.5 * (step / width) ** 2
+            step
+            + np.log(4 / (width * np.sqrt(2 * np.pi)))
+            - 0.5 * (step / width) ** 2
         )
         sign = 1.0 if self.complete else -1.0
         integrals = (1.0, integral) if self.complete else (integral, 1.0)
@@ -514,17 +525,22 @@ class Samples:
     @property
     def typical(self) -> State:
         """The typical errors: points weigh by the mean of their precision."""
-        precision = np.mean([state.inflation**-2.0 for state in self.states], axis=0)
+        precision = np.mean(
+            [state.inflation**-2.0 for state in self.states], axis=0
+        )
         time = float(np.mean([state.log_time for state in self.states]))
         scales, calibration = (
-            np.log(factors).mean(axis=0) for factors in (self.scales, self.calibrations)
+            np.log(factors).mean(axis=0)
+            for factors in (self.scales, self.calibrations)
         )
         return State(np.exp(scales), precision**-0.5, calibration, time)
 
     def fitted(self, problem: Problem) -> np.ndarray:
         """(S, m) values of each sample, before the calibration."""
         weights = problem.unknowns.weights(self.positions)
-        values = values_of(self.densities, weights, problem.matrices, problem.offsets)
+        values = values_of(
+            self.densities, weights, problem.matrices, problem.offsets
+        )
         return self.factors[:, None] * values
 
 
@@ -553,12 +569,17 @@ def sample(
     workers = min(threads or processors.available(), CHAINS)
     warm = min(WARM, sweeps)
     total, done, more = warm + sweeps, 0, min(2 * each, max(sweeps, each))
-    processors.in_order(lambda number: chains[number].warm(warm), CHAINS, workers, None)
+    processors.in_order(
+        lambda number: chains[number].warm(warm), CHAINS, workers, None
+    )
     while True:
         if progress:
             progress(warm + done, total)
         processors.in_order(
-            lambda number, more=more: chains[number].run(more), CHAINS, workers, None
+            lambda number, more=more: chains[number].run(more),
+            CHAINS,
+            workers,
+            None,
         )
         done += more
         densities = np.stack([np.array(chain.densities) for chain in chains])
@@ -568,9 +589,14 @@ def sample(
             values = np.array(
                 [[of(chain, at) for at in chain.places] for chain in chains]
             )
-            columns = np.split(values, values.shape[2], axis=2) if values.size else ()
+            columns = (
+                np.split(values, values.shape[2], axis=2) if values.size else ()
+            )
             found += [(*convergence(column), end) for column in columns]
-        effective, ratio = min(one[0] for one in found), max(one[1] for one in found)
+        effective, ratio = (
+            min(one[0] for one in found),
+            max(one[1] for one in found),
+        )
         agreed = all(off <= end for _, off, end in found)
         if (effective >= ENOUGH and agreed) or done >= sweeps:
             break

@@ -148,12 +148,14 @@ def rises(inference: Inference) -> tuple[bool, bool]:
         return False, False
     mean = samples.mean(axis=0)
     first, last = (
-        int(np.argmin(np.abs(energies - peak.energy))) for peak in (there[0], there[-1])
+        int(np.argmin(np.abs(energies - peak.energy)))
+        for peak in (there[0], there[-1])
     )
     below, above = int(mean[: first + 1].argmin()), last + int(mean[last:].argmin())
     lower = below > 0 and (samples[:, 0] > samples[:, below]).mean() >= SURE
     upper = (
-        above < mean.size - 1 and (samples[:, -1] > samples[:, above]).mean() >= SURE
+        above < mean.size - 1
+        and (samples[:, -1] > samples[:, above]).mean() >= SURE
     )
     return bool(lower), bool(upper)
 

@@ -88,7 +88,10 @@ def shape_rows(one: Inference) -> Rows:
         return []
     below, _, above = three_shares(one)
     before = f"{_percent(below.median, below.band)} of the sites: bonded before the first hold time"
-    rows_: Rows = [("density", density_text(one)), (f"  below {low:.3f} eV", before)]
+    rows_: Rows = [
+        ("density", density_text(one)),
+        (f"  below {low:.3f} eV", before),
+    ]
     for part in shares(one):
         text = f"{_percent(part.median, part.band)} of the sites"
         rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
@@ -108,7 +111,9 @@ def density_text(one: Inference) -> str:
     below, inside, above = (share.band[1] for share in three_shares(one))
     if empty(one):
         sides = [
-            side for side, most in (("below", below), ("above", above)) if most > 0.01
+            side
+            for side, most in (("below", below), ("above", above))
+            if most > 0.01
         ]
         share = "0.1" if inside < 1e-3 else f"{100 * inside:.1f}"
         return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
@@ -120,9 +125,15 @@ def density_text(one: Inference) -> str:
     places = [peak.text(one.energies[1] - one.energies[0]) for peak in there]
     if places:
         ends = [
-            end for end, up in zip(("lower", "upper"), rises(one), strict=True) if up
+            end
+            for end, up in zip(("lower", "upper"), rises(one), strict=True)
+            if up
         ]
-        more = f"; rises again towards the {' and the '.join(ends)} end" if ends else ""
+        more = (
+            f"; rises again towards the {' and the '.join(ends)} end"
+            if ends
+            else ""
+        )
         if len(places) > 1:
             return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}{unsure}"
         return f"one peak at {places[0]}{more}{unsure}"
@@ -133,9 +144,7 @@ def density_text(one: Inference) -> str:
         if run
         else "flat within the band"
     )
-    return (
-        f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
-    )
+    return f"no peak {'that the data support' if unsure else 'inside'}; {towards}{unsure}"
 
 
 def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
@@ -194,7 +203,9 @@ def unseen_text(one: Forecast) -> str:
     """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
     if one.bounds_only:
         return f" (up to {100 * one.unseen:.0f} % unseen: bounds only)"
-    return f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
+    return (
+        f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
+    )
 
 
 def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -242,7 +253,9 @@ def _several(values: list[float], unit: str) -> str:
 def _percent(mean: float, ends: tuple[float, float]) -> str:
     if ends[1] < 5e-4:
         return "less than 0.1 %"
-    return f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
+    return (
+        f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
+    )
 
 
 def _largest_residual(one: Inference) -> str:

@@ -317,7 +317,11 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
 
         rate_back = 0.0
         leave_back = np.inf
-        if superbasins is not None and i == last and classes.model.breaking.size > 0:
+        if (
+            superbasins is not None
+            and i == last
+            and classes.model.breaking.size > 0
+        ):
             # Two events in a row on this site: at what total rate could anything else have been attempted?
             rate_back = rate(barrier_of(i, classes), classes.model)
             leave_back = nu * set_aside(i, classes)

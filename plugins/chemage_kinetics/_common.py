@@ -57,7 +57,11 @@ def _typed_prefetch(typingctx: Any, array: Any, row: Any) -> Any:
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         view = context.make_array(signature.args[0])(context, builder, args[0])
-        byte, word, long = ir.IntType(8).as_pointer(), ir.IntType(32), ir.IntType(64)
+        byte, word, long = (
+            ir.IntType(8).as_pointer(),
+            ir.IntType(32),
+            ir.IntType(64),
+        )
         fetch = builder.module.declare_intrinsic(
             "llvm.prefetch",
             (byte,),
@@ -376,7 +380,9 @@ def set_time(times: Array, i: Int, instant: Instant) -> None:
 
 
 @hot
-def next_event(i: Int, barrier: Int, now: Instant, sites: Any, stream: Int) -> Instant:
+def next_event(
+    i: Int, barrier: Int, now: Instant, sites: Any, stream: Int
+) -> Instant:
     """The instant at which site i crosses a fixed-point barrier, from ``now`` on, by the next random number of the site.
 
     ``sites``: any tuple with its ``key``, ``model``, ``pixels`` and ``draws``.
@@ -446,7 +452,9 @@ def two_uniforms(rng: Array) -> tuple[Float, Float]:
 
 
 @inner
-def begin_sequence(rng: Array, key: Key, stream: Int, index: Int, block: Int) -> None:
+def begin_sequence(
+    rng: Array, key: Key, stream: Int, index: Int, block: Int
+) -> None:
     """Set ``rng`` to a private sequence, from a block of the random numbers of an index on."""
     rng[0] = key.k0
     rng[1] = key.k1
@@ -586,13 +594,16 @@ def sojourn(
                 left = max(
                     left
                     - (
-                        gamma(rng, allowed) / all_here + gamma(rng, allowed) / all_there
+                        gamma(rng, allowed) / all_here
+                        + gamma(rng, allowed) / all_there
                     ),
                     0.0,
                 )
                 done += allowed
                 allowed = 0.0
-        cycles = min(allowed, max(np.floor(expected - 3.0 * math.sqrt(expected)), 1.0))
+        cycles = min(
+            allowed, max(np.floor(expected - 3.0 * math.sqrt(expected)), 1.0)
+        )
         if cycles < 1.0:
             break
         if cycles < 1.5:
@@ -624,7 +635,12 @@ def sojourn(
 
 @inner
 def stay(
-    rng: Array, rates: FlickerRates, now: Instant, holds: Holds, hold: Int, word: Int
+    rng: Array,
+    rates: FlickerRates,
+    now: Instant,
+    holds: Holds,
+    hold: Int,
+    word: Int,
 ) -> tuple[Instant, bool, bool]:
     """Follow and count the flips of a site in the state ``word & 1`` until something else happens or the hold time.
 
@@ -655,7 +671,9 @@ _R31 = np.uint64(31)
 _R37 = np.uint64(37)
 
 
-def patches_of(neighbours: Array, label: Array | None = None) -> tuple[Array, Array]:
+def patches_of(
+    neighbours: Array, label: Array | None = None
+) -> tuple[Array, Array]:
     """The sites patch by patch, (n,) int32, and where each patch begins there and the last ends, (patches + 1,) int32.
 
     label: (n,) int32 zeros to be overwritten; None: allocated here.

@@ -38,10 +38,13 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     if isinstance(seed, random.CommonSeed):
         return Key(words[0], words[1])
     n = lattice.sites.size
-    probes = slice(None) if n <= PROBES else np.arange(PROBES) * (n - 1) // (PROBES - 1)
+    probes = (
+        slice(None) if n <= PROBES else np.arange(PROBES) * (n - 1) // (PROBES - 1)
+    )
     numbers = np.array([words[0], words[1], stream, n, lattice.attempt_frequency])
     content = hashlib.blake2b(
-        numbers.astype("<f8").tobytes() + lattice.sites[probes].astype("<i8").tobytes()
+        numbers.astype("<f8").tobytes()
+        + lattice.sites[probes].astype("<i8").tobytes()
     )
     for energies in (lattice.forming, lattice.breaking, lattice.coupling):
         content.update(b"/")
@@ -65,7 +68,9 @@ def fingerprint(lattice: ReactionLattice) -> Array:
         lattice.coupling,
     ):
         raw = (
-            np.empty(0, np.uint8) if array is None else array.reshape(-1).view(np.uint8)
+            np.empty(0, np.uint8)
+            if array is None
+            else array.reshape(-1).view(np.uint8)
         )
         whole = raw.size - raw.size % 8
         rest = np.zeros(16, np.uint8)
@@ -148,7 +153,9 @@ class Pending:
         high, low = float(array[0]), float(array[1])
         if not (0 <= high <= self._start.time and abs(low) <= ROUNDING * high):
             last = self._start.time
-            self._wrong(name, f"is {high} + {low} s, but should be from 0 to {last} s")
+            self._wrong(
+                name, f"is {high} + {low} s, but should be from 0 to {last} s"
+            )
         return array
 
     def times(self, name: str) -> Array:
@@ -185,7 +192,9 @@ class Pending:
         order = self._whole("members", (self._sites,), 0, self._sites - 1, np.int32)
         listed = int(counts.sum())
         if listed > self._sites:
-            self._wrong("counts", f"counts {listed} sites, but there are {self._sites}")
+            self._wrong(
+                "counts", f"counts {listed} sites, but there are {self._sites}"
+            )
         there = np.zeros(self._sites, np.bool_)
         there[order] = True
         if not there.all():
@@ -259,7 +268,9 @@ class Start:
         #: uint64 (1,), see `fingerprint`
         self.mark = fingerprint(lattice)
         #: the history to continue, whatever engine or lattice it had
-        self.earlier = start if isinstance(start, BondHistory | PullHistory) else None
+        self.earlier = (
+            start if isinstance(start, BondHistory | PullHistory) else None
+        )
         #: (n,) bool
         self.state = np.zeros(n, np.bool_)
         #: s; bonds formed and broken until then
@@ -269,7 +280,10 @@ class Start:
         if self.earlier is not None:
             self.state = np.array(self.earlier.state)
             self.time = float(self.earlier.time)
-            self.counted = int(self.earlier.formed[-1]), int(self.earlier.broken[-1])
+            self.counted = (
+                int(self.earlier.formed[-1]),
+                int(self.earlier.broken[-1]),
+            )
             self.pending = Pending(self.earlier, self.state.size)
         elif start is not None:
             self.state = np.array(start)
@@ -342,12 +356,16 @@ class Job(Start):
     def history(self, state: Array, **resume: Array) -> BondHistory:
         """The finished history. ``resume`` holds the engine's pending events."""
         for array in (state, *resume.values()):
-            array.setflags(write=False)  # handed over: the history need not copy them
+            array.setflags(
+                write=False
+            )  # handed over: the history need not copy them
         # Counts stop at 2**61 (see `_common`), so their sums are taken in floating point first.
         sums = []
         for column, before in enumerate(self.counted):
             exact = before + np.cumsum(self.tally[:, column])
-            rough = float(before) + np.cumsum(self.tally[:, column].astype(np.float64))
+            rough = float(before) + np.cumsum(
+                self.tally[:, column].astype(np.float64)
+            )
             sums.append(np.where(rough >= float(_common.MOST), _common.MOST, exact))
         return BondHistory(
             hold_times=self.times,

@@ -259,7 +259,9 @@ def offer(queue: Queue, size: Int, site: Int, grid: Buckets, present: Int) -> In
 
 
 @inner
-def _offer_cold(queue: Queue, size: Int, site: Int, grid: Buckets, present: Int) -> Int:
+def _offer_cold(
+    queue: Queue, size: Int, site: Int, grid: Buckets, present: Int
+) -> Int:
     return offer(queue, size, site, grid, present)
 
 

@@ -52,7 +52,9 @@ def lifetimes(
     return np.where(stretch < way, np.minimum(alone, stretch / drive.speed), alone)
 
 
-def waiting(forming: Array, span: float, frequency: float, temperature: float) -> Array:
+def waiting(
+    forming: Array, span: float, frequency: float, temperature: float
+) -> Array:
     """Seconds until sites without a bond form one, at most ``span``."""
     return np.minimum(
         1.0 / np.maximum(rates(forming, frequency, temperature), 1e-300), span

@@ -82,7 +82,9 @@ def follow(
             continue
         forms = fixed_barrier(sites.forming[i])
         breaks = (
-            fixed_barrier(model.breaking[i]) if model.breaking.size > 0 else np.int64(0)
+            fixed_barrier(model.breaking[i])
+            if model.breaking.size > 0
+            else np.int64(0)
         )
         slower = min(rate(forms, model), rate(breaks, model))
         hold = 0

@@ -310,7 +310,11 @@ def _event(
 
 @jit
 def follow(
-    run: NextReactionRun, first: Int, last: Int, superbasins: bool | None, events: Int
+    run: NextReactionRun,
+    first: Int,
+    last: Int,
+    superbasins: bool | None,
+    events: Int,
 ) -> Int:
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
@@ -364,7 +368,9 @@ def follow(
                 around_there = rate_around(i, sites)
                 size = _event(run, i, now, hold, size, grid, present)
                 here = site_rate(i, sites.words, sites.model)
-                chain = FlickerRates(here, there, rate_around(i, sites), around_there)
+                chain = FlickerRates(
+                    here, there, rate_around(i, sites), around_there
+                )
                 # far more often than anything happens around it; what is fast around one of its states does not count
                 # where it leaves that state faster still
                 rarely = (

@@ -176,7 +176,9 @@ class PullRun(NamedTuple):
 
 
 @hot
-def under_force(barrier: Float, lowered: Float, exponent: Float, nu: Float) -> Float:
+def under_force(
+    barrier: Float, lowered: Float, exponent: Float, nu: Float
+) -> Float:
     """The rate of a bond whose force times Δx is ``lowered``, both in k_BT; see `chemage_bonds.rupture`."""
     share = 1.0 - exponent * lowered / barrier if barrier > 0.0 else 0.0
     if share <= 0.0:
@@ -207,7 +209,8 @@ def _stretch(i: Int, run: PullRun, window: Int, rest: Float) -> Float:
 def _present_stretch(i: Int, run: PullRun) -> Float:
     """The stretch of bond i; it is never compressed."""
     return max(
-        _stretch(i, run, run.counts[WINDOW], run.reals[REST]) + run.reals[REST_LOW], 0.0
+        _stretch(i, run, run.counts[WINDOW], run.reals[REST]) + run.reals[REST_LOW],
+        0.0,
     )
 
 
@@ -429,7 +432,9 @@ def _partner_barrier(key: Key, partners: NewPartners, i: Int, slips: Int) -> Flo
         table.size - 1
     )
     low = min(np.int64(u), table.size - 2)
-    return table[low] + (u - low) * (table[low + 1] - table[low]) + partners.shift[i]
+    return (
+        table[low] + (u - low) * (table[low + 1] - table[low]) + partners.shift[i]
+    )
 
 
 @hot
@@ -454,7 +459,9 @@ def _break(i: Int, run: PullRun) -> None:
     run.words[i] &= ~1
     run.slips[i] += 1
     if run.partners.quantiles.size > 0:
-        new = fixed_barrier(_partner_barrier(run.key, run.partners, i, run.slips[i]))
+        new = fixed_barrier(
+            _partner_barrier(run.key, run.partners, i, run.slips[i])
+        )
         run.words[i] += 2 * (new - run.base[i])
         run.base[i] = new
     run.rates.tree[i] = rate(run.words[i] >> 1, run.model)
@@ -511,7 +518,9 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
     else:
         force += bonds.stiffness * counts[BONDS] * way
     if math.isinf(drive.spring) or drive.spring > 0.0:
-        stored = 0.0 if math.isinf(drive.spring) else 0.5 * force * force / drive.spring
+        stored = (
+            0.0 if math.isinf(drive.spring) else 0.5 * force * force / drive.spring
+        )
     else:
         force = stored = 0.0
     for i in range(run.words.size):
@@ -606,7 +615,10 @@ def advance(run: PullRun, events: Int) -> None:
         if counts[BONDS] > 0 and speed > 0.0:
             # the next window for which bonds are listed
             ahead = np.int64(1)
-            while ahead < RING and run.heads[(counts[WINDOW] + ahead) & (RING - 1)] < 0:
+            while (
+                ahead < RING
+                and run.heads[(counts[WINDOW] + ahead) & (RING - 1)] < 0
+            ):
                 ahead += 1
             edge = (
                 max(ahead * run.bonds.window - reals[REST] - reals[REST_LOW], 0.0)
@@ -645,7 +657,9 @@ def advance(run: PullRun, events: Int) -> None:
         i = select(run.rates, reals[CHOICE] * tree_total(run.rates), 0.0)
         accepted = True
         if run.words[i] & 1:
-            v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)
+            v, _ = random.uniform_pair(
+                run.key.k0, run.key.k1, STREAM, counts[EVENT], 1
+            )
             accepted = v * run.rates.tree[i] < _rate_at(
                 i, run, _present_stretch(i, run)
             )

@@ -287,7 +287,9 @@ def remove(i: Int, classes: Classes) -> Int:
     records[i, 1] = 0
     _recount(c, last, classes)
     if last > 0:
-        prefetch(records, classes.arena[begin + last - 1])  # the next one to be moved
+        prefetch(
+            records, classes.arena[begin + last - 1]
+        )  # the next one to be moved
     return c
 
 

@@ -269,7 +269,9 @@ def put_back(i: Int, value: Float, rates: SiteRates) -> None:
 
 
 @hot
-def _node(rates: SiteRates, target: Float, v: Float, lowest: Int) -> tuple[Int, Float]:
+def _node(
+    rates: SiteRates, target: Float, v: Float, lowest: Int
+) -> tuple[Int, Float]:
     """The node of the level ``lowest`` at which the running sum of rates passes ``target``, and the rest of it.
 
     With a ``v`` that is not 0, ``target`` selects only one of the nodes UPPER levels down, and ``v`` what lies below.
@@ -377,7 +379,8 @@ def _look_ahead(run: RejectionFreeRun, drawn: Int, total: Float) -> None:
     slot = (drawn + 2) & (RING - 1)
     node = run.spots[slot]
     node = min(
-        8 * node + descend(tree, 8 * node, run.draws[slot, 2])[0], run.words.size - 1
+        8 * node + descend(tree, 8 * node, run.draws[slot, 2])[0],
+        run.words.size - 1,
     )
     run.spots[slot] = node
     prefetch_site(node, run.words, run.model)

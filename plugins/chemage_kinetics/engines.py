@@ -12,7 +12,15 @@ from chemage import ReactionLattice
 from chemage.plugin import BondHistory, Engine, threads
 from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
 from chemage_kinetics._bkl import BklRun
-from chemage_kinetics._common import DONE, DRAWN, EVENT, LAST, Array, Holds, patches_of
+from chemage_kinetics._common import (
+    DONE,
+    DRAWN,
+    EVENT,
+    LAST,
+    Array,
+    Holds,
+    patches_of,
+)
 from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
 from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
@@ -157,13 +165,18 @@ class EventEngine(KernelEngine, FlickerEngine):
             run.clock[:] = job.resume.clock("clock")
             counters[LAST] = job.resume.site("last")
         else:
-            counters[EVENT] += 1  # the random numbers of the pending event are used up
+            counters[EVENT] += (
+                1  # the random numbers of the pending event are used up
+            )
             counters[LAST] = -1
         while not counters[DONE]:
             advance(run, self.superbasins or None, SLICE)
         return {
             "clock": run.clock,
-            **{name: counters[[place]] for name, place in (("last", LAST), *counted)},
+            **{
+                name: counters[[place]]
+                for name, place in (("last", LAST), *counted)
+            },
         }
 
 
@@ -312,7 +325,9 @@ def _pieces(starts: Array) -> list[tuple[int, int]]:
         last = min(max(last, first + 1), patches)
         pieces.append((first, last))
         first = last
-    return sorted(pieces, key=lambda piece: int(starts[piece[0]] - starts[piece[1]]))
+    return sorted(
+        pieces, key=lambda piece: int(starts[piece[0]] - starts[piece[1]])
+    )
 
 
 class Independent(KernelEngine, ThreadedEngine):
@@ -394,14 +409,20 @@ class Auto(FlickerEngine, ThreadedEngine):
         """The engine for this lattice, and why."""
         if lattice.neighbours is None:
             engine = Independent(threads=self.threads)
-            return engine, "no site interacts with another, so the closed form holds"
+            return (
+                engine,
+                "no site interacts with another, so the closed form holds",
+            )
         n = lattice.sites.size
         _, starts = patches_of(lattice.neighbours)
         patches, largest = starts.size - 1, int(np.diff(starts).max(initial=0))
         shape = f"the largest of {patches} patches holds {largest} of {n} sites"
         by_patch = NextReaction(threads=self.threads, superbasins=self.superbasins)
         if patches > 1 and self.superbasins:
-            return by_patch, f"{shape}: sites that flicker are followed patch by patch"
+            return (
+                by_patch,
+                f"{shape}: sites that flicker are followed patch by patch",
+            )
         if n >= WORTH_SHARING and largest <= LARGEST_SHARE * n:
             return by_patch, f"{shape}: threads can share them"
         few = "few sites" if n < WORTH_SHARING else "most sites in one patch"

@@ -98,7 +98,9 @@ class Pulled(Rupture, Drive):
     }
     outputs: ClassVar[Mapping[str, Output]] = {
         "pull_way": Output(("drive_point",), "nm", "displacement of the drive"),
-        "pull_force": Output(("hold_time", "drive_point"), "nN", "force of the drive"),
+        "pull_force": Output(
+            ("hold_time", "drive_point"), "nN", "force of the drive"
+        ),
         "pull_slider": Output(
             ("hold_time", "drive_point"), "nm", "displacement of the slider"
         ),
@@ -259,7 +261,9 @@ class Pulled(Rupture, Drive):
             return numbers
         events = self._events(sites, chemistry, times, temperature, pressure)
         pulls = hold_times * (
-            CALL_SECONDS + SITE_SECONDS * sites + SAMPLE_SECONDS * sites * self.points
+            CALL_SECONDS
+            + SITE_SECONDS * sites
+            + SAMPLE_SECONDS * sites * self.points
         )
         maps = self.frames * (CALL_SECONDS + SITE_SECONDS * sites)
         seconds = pulls + maps + EVENT_SECONDS * float(events.sum() + events[-1])
@@ -279,7 +283,8 @@ class Pulled(Rupture, Drive):
         nu = chemistry.attempt_frequency
         span = self.distance / self.speed
         forming = (
-            chemistry.forming.quantile(share) - chemistry.activation_volume * pressure
+            chemistry.forming.quantile(share)
+            - chemistry.activation_volume * pressure
         )
         # every barrier to forming with another one to breaking
         breaking = chemistry.breaking.quantile((share * SAMPLED * 0.618034) % 1.0)
@@ -295,7 +300,9 @@ class Pulled(Rupture, Drive):
         found = []
         for time in times:
             bonded = held.bonded(time)
-            way = slider_way(self.drive, float(bonded.mean()) * sites, stretch, span)
+            way = slider_way(
+                self.drive, float(bonded.mean()) * sites, stretch, span
+            )
             last = lifetimes(breaking, self.drive, way, nu, temperature)
             found.append(sites * float(flips(wait, last, bonded, span).mean()))
         return np.array(found)
@@ -308,7 +315,9 @@ class Pulled(Rupture, Drive):
         high = (force[..., -1] > self.friction) & (
             force[..., -1] > (1 - RISING) * force.max(axis=-1)
         )
-        early = high & (observables["pull_peak_at"] >= (1 - RISING) * slider[..., -1])
+        early = high & (
+            observables["pull_peak_at"] >= (1 - RISING) * slider[..., -1]
+        )
         if not early.any():
             return ()
         many = f"rupture 'pulled': in {np.count_nonzero(early)} of {early.size} pulls the force was at its largest when"
@@ -343,21 +352,25 @@ class Pulled(Rupture, Drive):
             return [
                 f"{about}, but the drive moves by {self.distance:g} nm: pull further, or there may be no peak"
             ]
-        if sites is None or times is None or not isinstance(self.engine, EventDriven):
+        if (
+            sites is None
+            or times is None
+            or not isinstance(self.engine, EventDriven)
+        ):
             return []
         events = self._events(sites, chemistry, times, temperature, pressure)
         most = float(events.max(initial=0.0))
         if most <= self.engine.most_events:
             return []
-        about = (
-            f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
-        )
+        about = f"rupture 'pulled': a pull is expected to form and break {most:.2g} bonds"
         limit = f"more than most_events = {self.engine.most_events:g} of its engine, which will refuse it"
         return [
             f"{about}, {limit}; pull less far, faster or at a lower temperature, or allow more events"
         ]
 
-    def draw(self, figure: str, axes: Axes, results: Sequence[PlottedResult]) -> None:
+    def draw(
+        self, figure: str, axes: Axes, results: Sequence[PlottedResult]
+    ) -> None:
         """Draw force against displacement, or maps of the bonds."""
         there = [
             one
@@ -382,7 +395,9 @@ class Pulled(Rupture, Drive):
                 label = f"after {text.power_text(float(times[at]))} s"
                 axes.plot(way, force[at], color=colour, lw=1.3, label=label)
         axes.set(
-            xlabel="displacement of the drive (nm)", ylabel="force (nN)", ylim=(0, None)
+            xlabel="displacement of the drive (nm)",
+            ylabel="force (nN)",
+            ylim=(0, None),
         )
         figures.legend(axes)
 
@@ -420,8 +435,8 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))
     canvas = np.full((len(parts), max(map(len, parts)), high + 2, wide + 2), np.nan)
     for row, part in zip(canvas[::-1], parts, strict=True):
-        row[: len(part), 1 : part.shape[2] + 1, 1 : part.shape[1] + 1] = part.transpose(
-            0, 2, 1
+        row[: len(part), 1 : part.shape[2] + 1, 1 : part.shape[1] + 1] = (
+            part.transpose(0, 2, 1)
         )
     image = axes.imshow(
         canvas.transpose(0, 2, 1, 3).reshape(len(parts) * (high + 2), -1),
@@ -434,7 +449,8 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     if len(parts) == 1:
         at = measured[0]["pull_maps_at"][0]
         axes.set_xticks(
-            (np.arange(at.size) + 0.5) * (wide + 2) - 0.5, [f"{way:.3g}" for way in at]
+            (np.arange(at.size) + 0.5) * (wide + 2) - 0.5,
+            [f"{way:.3g}" for way in at],
         )
         axes.set_xlabel("displacement of the drive (nm)")
         return

@@ -75,7 +75,9 @@ class EventDriven(Pulling):
         start: Any,
         partners: Partners | None,
     ) -> PullHistory:
-        job = _Job(self.kind, lattice, times, temperature, seed, start, drive, partners)
+        job = _Job(
+            self.kind, lattice, times, temperature, seed, start, drive, partners
+        )
         self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
         run = job.prepared()
         while not run.counts[kernel.DONE]:
@@ -119,7 +121,10 @@ class _Job(Start):
         thermal = KB * self.temperature
         assert lattice.breaking is not None
         gain = (
-            drive.bond_stiffness * drive.transition_distance * EV_PER_GPA_NM3 / thermal
+            drive.bond_stiffness
+            * drive.transition_distance
+            * EV_PER_GPA_NM3
+            / thermal
         )
         window = WINDOW / gain if gain > 0 else 1.0
         self.bonds = kernel.Bonds(
@@ -184,7 +189,11 @@ class _Job(Start):
         """The state of the contact at the start."""
         n, before = self.state.size, self.before
         reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
-        made, rest, bound = np.zeros(n, np.int64), np.zeros(n), np.zeros(n, np.int64)
+        made, rest, bound = (
+            np.zeros(n, np.int64),
+            np.zeros(n),
+            np.zeros(n, np.int64),
+        )
         slip_sizes = np.zeros(64, np.int64)
         if before is not None:
             slip_sizes[:] = before.avalanches
@@ -250,7 +259,10 @@ class _Job(Start):
                 before.largest_drop,
             )
             reals[kernel.PEAK_TIME], force = self.time, float(before.force[-1])
-            reals[kernel.PEAK], reals[kernel.PEAK_AT] = force, before.displacement[-1]
+            reals[kernel.PEAK], reals[kernel.PEAK_AT] = (
+                force,
+                before.displacement[-1],
+            )
             reals[kernel.MOVED_BEFORE] = before.displacement[-1]
         reals[kernel.SUM_REST] = math.fsum(rest[self.state])
         # a spring has the force that there was; what it does not carry is held by the friction of the slider
@@ -283,7 +295,9 @@ class _Job(Start):
         if self.goes_on:
             assert self.before is not None
             earlier = self.before
-            peaks.append((earlier.peak, earlier.peak_displacement, earlier.peak_time))
+            peaks.append(
+                (earlier.peak, earlier.peak_displacement, earlier.peak_time)
+            )
         peak, at, when = map(float, max(peaks, key=lambda one: one[0]))
         forming, base = self.forming.copy(), np.empty(state.size, np.int64)
         kernel.present_barriers(

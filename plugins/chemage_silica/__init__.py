@@ -60,7 +60,11 @@ def chemage_published() -> list[tuple[dict[str, Any], float, str]]:
     }
     return [
         (
-            {**same, "surface.rms_slope": slope, "chemistry.activation_volume": volume},
+            {
+                **same,
+                "surface.rms_slope": slope,
+                "chemistry.activation_volume": volume,
+            },
             beta,
             "Li et al. 2018",
         )

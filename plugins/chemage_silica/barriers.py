@@ -20,7 +20,9 @@ _MEMBERS = 16
 def _table() -> tuple[PiecewiseLinearDensity, ...]:
     """The densities of the table, by member."""
     name = "md_silica_barriers.csv"
-    text = resources.files("chemage_silica").joinpath(name).read_text(encoding="utf-8")
+    text = (
+        resources.files("chemage_silica").joinpath(name).read_text(encoding="utf-8")
+    )
     rows = parse_columns(text, name)
     return tuple(
         PiecewiseLinearDensity(*rows[rows[:, 0] == member, 1:].T)
@@ -63,7 +65,9 @@ class MDSilica(Barriers):
     def content(self) -> dict[str, str]:
         """A hash of the density, so that results of another table are not taken for those of this one."""
         table = _table()[self.member]
-        text = np.concatenate([table.energies, table.density_values]).round(9).tolist()
+        text = (
+            np.concatenate([table.energies, table.density_values]).round(9).tolist()
+        )
         return {"density_blake2b": content_hash(text)}
 
     def quantile(self, uniform: np.ndarray) -> np.ndarray:

@@ -54,7 +54,9 @@ def _sides(
 ) -> tuple[Any, Any]:
     """Along x and y, from one value or two."""
     sides = (
-        tuple(value) if isinstance(value, list | tuple | np.ndarray) else (value, value)
+        tuple(value)
+        if isinstance(value, list | tuple | np.ndarray)
+        else (value, value)
     )
     if len(sides) != 2:
         raise ValueError(f"{len(sides)} {give}")
@@ -75,7 +77,9 @@ def _grid(value: Any) -> tuple[int, int]:
             raise TypeError
         nx, ny = map(operator.index, whole)
     except TypeError:
-        raise ValueError("give a whole number of pixels, or two: [nx, ny]") from None
+        raise ValueError(
+            "give a whole number of pixels, or two: [nx, ny]"
+        ) from None
     if min(nx, ny) < 1:
         raise ValueError(f"a grid of {nx} x {ny} pixels is empty; give at least 1")
     if nx * ny > MOST_PIXELS:
@@ -227,7 +231,9 @@ def _made(maker: ImageMaker, reader: Reader, stamp: FileStamp) -> Surface | str:
 
 
 def stated(
-    image: HeightMap, height_unit: float | None, pixel_size: tuple[float, float] | None
+    image: HeightMap,
+    height_unit: float | None,
+    pixel_size: tuple[float, float] | None,
 ) -> tuple[float, tuple[float, float]]:
     """The unit of heights and the sides of pixels, both nm; asks for them where neither file nor user states them."""
     if height_unit is not None and pixel_size is not None:
@@ -298,9 +304,13 @@ _WAYS = (("retrace", "trace"), ("backward", "forward"), ("bwd", "fwd"))
 
 def opposite(one: str, other: str) -> bool:
     """Whether two names of channels differ in the direction of the scan lines, and in nothing else."""
-    names = [" ".join(name.lower().replace("_", " ").split()) for name in (one, other)]
+    names = [
+        " ".join(name.lower().replace("_", " ").split()) for name in (one, other)
+    ]
     # JPK names the way back only
-    bare = [name.replace(", retrace)", ")").replace(" (retrace)", "") for name in names]
+    bare = [
+        name.replace(", retrace)", ")").replace(" (retrace)", "") for name in names
+    ]
     if names[0] != names[1] and bare[0] == bare[1]:
         return True
     for back, there in _WAYS:

@@ -8,7 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+)
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
@@ -294,10 +302,12 @@ def _rolled(
     for shift in shifts:
         for atom, (place, radius) in enumerate(zip(places, reach, strict=True)):
             middle = place[:2] + shift
-            begin = np.maximum(np.ceil((middle - radius) / steps - 0.5), 0).astype(int)
-            end = np.minimum(np.floor((middle + radius) / steps + 0.5), shape).astype(
+            begin = np.maximum(np.ceil((middle - radius) / steps - 0.5), 0).astype(
                 int
             )
+            end = np.minimum(
+                np.floor((middle + radius) / steps + 0.5), shape
+            ).astype(int)
             if (begin >= end).any():
                 continue
             x, y = (

@@ -33,7 +33,8 @@ def roughness(
         ),
     ],
     reader: Annotated[
-        Text, _how("KIND", "kind of the reader; default: by the content of the file")
+        Text,
+        _how("KIND", "kind of the reader; default: by the content of the file"),
     ] = None,
     channel: Annotated[
         Text,
@@ -48,18 +49,22 @@ def roughness(
     ] = False,
     height_unit: Annotated[
         Text,
-        _how("UNIT", "unit of the heights, such as nm; default: as the file states"),
+        _how(
+            "UNIT", "unit of the heights, such as nm; default: as the file states"
+        ),
     ] = None,
     pixel_size: Annotated[
         Text,
         _how(
-            "LENGTH", "edge of a pixel, nm or with a unit; default: as the file states"
+            "LENGTH",
+            "edge of a pixel, nm or with a unit; default: as the file states",
         ),
     ] = None,
     lines: Annotated[
         str,
         _how(
-            "HOW", "align scan lines: none, differences, constant, linear or quadratic"
+            "HOW",
+            "align scan lines: none, differences, constant, linear or quadratic",
         ),
     ] = "none",
     scars: Annotated[
@@ -74,10 +79,13 @@ def roughness(
     ] = None,
     missing: Annotated[
         str,
-        _how("ACTION", "what to do with missing heights: few, refuse or interpolate"),
+        _how(
+            "ACTION", "what to do with missing heights: few, refuse or interpolate"
+        ),
     ] = "few",
     spikes: Annotated[
-        str, _how("ACTION", "what to do with spikes: few, refuse, keep or interpolate")
+        str,
+        _how("ACTION", "what to do with spikes: few, refuse, keep or interpolate"),
     ] = "few",
     resample: Annotated[
         Text, _how("LENGTH", "edge of square pixels to make; default: as they are")
@@ -110,7 +118,10 @@ def roughness(
     ] = True,
     spacing: Annotated[
         Text,
-        _how("LENGTH", "pixel size in the printed section; default: that of the image"),
+        _how(
+            "LENGTH",
+            "pixel size in the printed section; default: that of the image",
+        ),
     ] = None,
     cutoff: Annotated[
         Text,
@@ -148,7 +159,14 @@ def roughness(
     detrend = detrend or ("mean" if periodic else "plane")
     pixel_size, resample, resolution, tip_radius, spacing, cutoff = (
         f"{length} nm" if length and length[-1].isdigit() else length
-        for length in (pixel_size, resample, resolution, tip_radius, spacing, cutoff)
+        for length in (
+            pixel_size,
+            resample,
+            resolution,
+            tip_radius,
+            spacing,
+            cutoff,
+        )
     )
     given = locals()
     if transpose:
@@ -169,7 +187,9 @@ def roughness(
         for maker in makers
     ]
     fit, why = (
-        (None, fault) if fault else _fitted(images, resolution, tip_radius, retraces)
+        (None, fault)
+        if fault
+        else _fitted(images, resolution, tip_radius, retraces)
     )
     if figures is not None:
         from chemage_surfaces.roughness_figure import save_figures
@@ -203,7 +223,9 @@ def _examined(
         for name in Measured.model_fields
         if given.get(name) is not None
     }
-    makers = [Measured(path=str(path), **options).of_channel(channel) for path in paths]
+    makers = [
+        Measured(path=str(path), **options).of_channel(channel) for path in paths
+    ]
     images = [maker.image() for maker in makers]
     for image in images:
         if not image.faults:
@@ -223,10 +245,15 @@ def _fitted(
     from chemage_surfaces.images import Measured
     from chemage_surfaces.roughness_fit import fit_roughness
 
-    surfaces = [image.surface(kind=Measured.kind, **image.unfit()) for image in images]
+    surfaces = [
+        image.surface(kind=Measured.kind, **image.unfit()) for image in images
+    ]
     try:
         return fit_roughness(
-            surfaces, resolution=resolution, tip_radius=tip_radius, retraces=retraces
+            surfaces,
+            resolution=resolution,
+            tip_radius=tip_radius,
+            retraces=retraces,
         ), ""
     except InputError as error:
         if resolution is not None or tip_radius is not None:
@@ -276,7 +303,9 @@ def _print_steps(image: Image) -> None:
     """Print the steps that changed heights, and what was found."""
     lines = image.steps[0].get("lines")
     if lines is not None:
-        typer.echo(f"lines of the table  {lines}; --transpose reads them the other way")
+        typer.echo(
+            f"lines of the table  {lines}; --transpose reads them the other way"
+        )
     for step in image.steps:
         if step["step"] in ("lines", "scars", "spikes", "missing"):
             typer.echo(

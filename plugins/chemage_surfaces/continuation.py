@@ -109,7 +109,9 @@ class _Bins:
         evidence = -0.5 * float(apart @ apart)
         evidence -= float(np.log(np.diag(factor) / steep).sum())
         known = prior - gain @ matrix @ prior + 1e-9 * np.eye(len(mean))
-        return _Level(noise, best, linalg.cholesky(known, lower=True), evidence, misfit)
+        return _Level(
+            noise, best, linalg.cholesky(known, lower=True), evidence, misfit
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,14 +210,17 @@ class Continuation:
         """Those from which intervals are taken."""
         found = [self.draw(number) for number in range(1, DRAWS + 1)]
         logs, off = (
-            np.array([getattr(one, name) for one in found]) for name in ("logs", "off")
+            np.array([getattr(one, name) for one in found])
+            for name in ("logs", "off")
         )
         return Drawn(logs, off, np.array([[one.noise] for one in found]))
 
     @property
     def added(self) -> Floats:
         """Wavenumbers of what is added to the image, 1/nm."""
-        return np.concatenate([[self.join], self.q[self.q > self.join * (1 + 1e-9)]])
+        return np.concatenate(
+            [[self.join], self.q[self.q > self.join * (1 + 1e-9)]]
+        )
 
     def density(self, q: Floats, drawn: Drawn) -> Floats:
         """C at ``q`` (1/nm) of one spectrum, nm⁴."""

@@ -94,7 +94,9 @@ class Finding:
     @property
     def first(self) -> tuple[int, ...]:
         """The first pixel that is marked."""
-        return () if self.where is None else tuple(np.argwhere(self.where)[0].tolist())
+        return (
+            () if self.where is None else tuple(np.argwhere(self.where)[0].tolist())
+        )
 
     def line(self) -> str:
         """The finding as a line of a table."""
@@ -172,7 +174,9 @@ Detector: TypeAlias = Callable[[Scan], Finding | None]
 
 def examine(scan: Scan, detectors: Sequence[Detector]) -> list[Finding]:
     """What the detectors find."""
-    return [found for detector in detectors if (found := detector(scan)) is not None]
+    return [
+        found for detector in detectors if (found := detector(scan)) is not None
+    ]
 
 
 # -- pixels ------------------------------------------------------------------------------------------------------------
@@ -236,9 +240,7 @@ def sentinels(scan: Scan) -> Finding | None:
     if not false or not where.any():
         return None
     values = " and ".join(f"{value:.6g} nm" for value in false)
-    text = (
-        f"{where.sum()} pixels have the same height of {values}, which stands for none"
-    )
+    text = f"{where.sum()} pixels have the same height of {values}, which stands for none"
     return Finding("repeated heights", text, where=where)
 
 
@@ -311,7 +313,9 @@ def spikes(scan: Scan) -> Finding | None:
     """Single pixels and groups of them far from all around them."""
     if not scan.there.any():
         return None
-    where = find_spikes(scan.heights, scan.threshold, scan.periodic) | scan.groups[0]
+    where = (
+        find_spikes(scan.heights, scan.threshold, scan.periodic) | scan.groups[0]
+    )
     if not where.any():
         return None
     text = f"{where.sum()} of {where.size} pixels are spikes"
@@ -330,7 +334,9 @@ def blocks(scan: Scan) -> Finding | None:
         f"{where.sum()} pixels are cut off from those around them by steps, and have {share:.2g} of the mean square "
         "slope; if they are none of the surface, crop the image to a part without them"
     )
-    return Finding("blocks", text, "no fit" if share > MOST_STEPS else "noted", where)
+    return Finding(
+        "blocks", text, "no fit" if share > MOST_STEPS else "noted", where
+    )
 
 
 def labelled(where: Mask) -> tuple[NDArray[np.intp], int]:
@@ -391,7 +397,9 @@ def _slope_share(scan: Scan, where: Mask) -> float:
     part = total = 0.0
     for axis in (0, 1):
         steps = np.diff(scan.heights, axis=axis)
-        square = np.nan_to_num(steps - np.nanmedian(steps)) ** 2 / scan.sides[axis] ** 2
+        square = (
+            np.nan_to_num(steps - np.nanmedian(steps)) ** 2 / scan.sides[axis] ** 2
+        )
         lines = np.moveaxis(where, axis, 0)
         either = np.moveaxis(lines[1:] | lines[:-1], 0, axis)
         total += float(square.sum())
@@ -528,7 +536,9 @@ def _peaks(power: Floats, q: Floats) -> list[tuple[int, int]]:
     strength = power[tuple(high.T)] * q[tuple(high.T)] ** 2
     taken, peaks = np.zeros(power.shape, dtype=bool), []
     for a, b in high[np.argsort(-strength)][: 8 * MOST_WAVES].tolist():
-        if not taken[a, b] and power[a, b] * math.log(2) > PEAK * _around(power, a, b):
+        if not taken[a, b] and power[a, b] * math.log(2) > PEAK * _around(
+            power, a, b
+        ):
             peaks.append((a, b))
         taken[_beside(a, b, 2, power.shape)] = True
     return peaks[:MOST_WAVES]
@@ -578,7 +588,9 @@ def dilation(scan: Scan) -> Finding | None:
     if not scan.large:
         return None
     measures = Measures.of(scan.heights, scan.sides)
-    skewness = min(float(axis.skewness[:3].min()) for axis in (measures.x, measures.y))
+    skewness = min(
+        float(axis.skewness[:3].min()) for axis in (measures.x, measures.y)
+    )
     if not skewness > MOST_SKEWNESS or measures.tip_radius():
         return None
     text = (
@@ -672,6 +684,10 @@ def examined(surface: Surface) -> list[Finding]:
     kinds = {one.kind for one in found}
     spoilt = surface.provenance.get("unfit", ())
     return [
-        *(Finding(kind, text, "no fit") for kind, text in spoilt if kind not in kinds),
+        *(
+            Finding(kind, text, "no fit")
+            for kind, text in spoilt
+            if kind not in kinds
+        ),
         *found,
     ]

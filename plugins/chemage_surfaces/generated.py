@@ -112,9 +112,13 @@ class SelfAffine(SurfaceMaker):
             "shortest_wavelength": max(nx, ny) * self.pixel_size / self.zeta,
         }
         # that of an rms height is the mean over surfaces
-        slope = self.roughness().rms_slope if self.rms_slope is None else self.rms_slope
+        slope = (
+            self.roughness().rms_slope if self.rms_slope is None else self.rms_slope
+        )
         expected["cpu_seconds"] = 2e-8 * nx * ny
-        return {**expected, "rms_slope": slope} if math.isfinite(slope) else expected
+        return (
+            {**expected, "rms_slope": slope} if math.isfinite(slope) else expected
+        )
 
     def roughness(self, seed: Seed = 0) -> Roughness:
         """The rms slope and height of the spectrum, without any heights, so that the surface may have any size.
@@ -248,7 +252,9 @@ class SelfAffine(SurfaceMaker):
         if abs(decay + 1) < 1e-9:
             tail = np.log(self.zeta / self.eta)
         else:
-            tail = (self.zeta ** (decay + 1) - self.eta ** (decay + 1)) / (decay + 1)
+            tail = (self.zeta ** (decay + 1) - self.eta ** (decay + 1)) / (
+                decay + 1
+            )
         moment = plateau + self.eta ** (2 + 2 * self.hurst) * tail
         # a spectrum of one wavenumber
         return float(moment) if moment > 0 else 1.0
@@ -363,7 +369,9 @@ def half_spectrum(
         if s <= top_y:
             kx = min(s - 1, top_x)
             middle = 3 * s + 1  # of draw[2s+2 : 4s+1], where kx = 0
-            noise[top_x - kx : top_x + kx + 1, s] = draw[middle - kx : middle + kx + 1]
+            noise[top_x - kx : top_x + kx + 1, s] = draw[
+                middle - kx : middle + kx + 1
+            ]
     kx_all = np.arange(-top_x, top_x + 1)
     qx, qy = kx_all[:, None] * (longest / nx), np.arange(top_y + 1) * (longest / ny)
     q, slack = np.hypot(qx, qy), 1e-9

@@ -105,7 +105,9 @@ class FromFile(ImageMaker):
                     if count > 1:
                         tilt = (x @ centred.mean(axis=1 - axis)) / (x @ x)
                         centred -= (
-                            (tilt * x)[:, None] if axis == 0 else (tilt * x)[None, :]
+                            (tilt * x)[:, None]
+                            if axis == 0
+                            else (tilt * x)[None, :]
                         )
                 heights = centred.astype(heights.dtype, copy=False)
         return Surface(
@@ -159,7 +161,9 @@ class Measured(ImageMaker):
     others"""
     crop: tuple[_Coordinate, _Coordinate, Length, Length] | None = None
     """part to use, [x, y, width, height] in nm from the first pixel, rounded to whole pixels; None: all"""
-    lines: Literal["none", "differences", "constant", "linear", "quadratic"] = "none"
+    lines: Literal["none", "differences", "constant", "linear", "quadratic"] = (
+        "none"
+    )
     """how to align scan lines: not, by the medians of the differences from line to line, or by subtracting a polynomial
     from each, without the points far from it"""
     scars: Literal["keep", "interpolate"] = "keep"
@@ -199,7 +203,9 @@ class Measured(ImageMaker):
             return image.faults[0]
         for one in image.findings:
             if getattr(self, _OPTIONS.get(one.kind, "kind")) != "interpolate":
-                warnings.warn(f"{image.source}: {one.text}", UserWarning, stacklevel=2)
+                warnings.warn(
+                    f"{image.source}: {one.text}", UserWarning, stacklevel=2
+                )
         image.heights.setflags(write=False)
         made = {
             "reader": reader.kind,
@@ -303,7 +309,9 @@ class Measured(ImageMaker):
                 )
             subtracted = trend(image.heights, _DEGREES[self.detrend])
             image.heights = image.heights - subtracted
-            image.did("detrend", trend=self.detrend, range_nm=float(np.ptp(subtracted)))
+            image.did(
+                "detrend", trend=self.detrend, range_nm=float(np.ptp(subtracted))
+            )
         self._square(image)
         if self.window != "none" and image.periodic:
             raise InputError(
@@ -384,7 +392,8 @@ class Measured(ImageMaker):
                 "edges; leave it out, or give periodic = false"
             )
         subtracted = line_offsets(
-            image.heights, {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines)
+            image.heights,
+            {"constant": 0, "linear": 1, "quadratic": 2}.get(self.lines),
         )
         image.heights = image.heights - subtracted
         image.did("lines", lines=self.lines, rms_nm=float(subtracted.std()))
@@ -413,7 +422,9 @@ class Measured(ImageMaker):
             if action == "few":
                 remedy += f'; {option} = "interpolate" says that this is meant'
         elif option == "missing" and (part := image.measured_part()) is not None:
-            remedy = f", where the scan was stopped or has an edge; give crop = {part}"
+            remedy = (
+                f", where the scan was stopped or has an edge; give crop = {part}"
+            )
         image.note(
             replace(
                 found,
@@ -442,7 +453,9 @@ class Measured(ImageMaker):
             8 * 8.0 * pixels, f"resample = {side:g} nm", "give larger pixels"
         )
         try:
-            image.heights = resampled(image.heights, image.sides, side, image.periodic)
+            image.heights = resampled(
+                image.heights, image.sides, side, image.periodic
+            )
         except ValueError as error:
             raise InputError(f"resample = {side:g} nm: {error}") from None
         image.sides = (side, side)
@@ -476,7 +489,9 @@ class Image:
 
     def unfit(self) -> dict[str, Any]:
         """What a fit must know, for the provenance of the surface: kinds and texts of artefacts that spoil it."""
-        spoilt = [[x.kind, x.text] for x in self.findings if x.consequence == "no fit"]
+        spoilt = [
+            [x.kind, x.text] for x in self.findings if x.consequence == "no fit"
+        ]
         return {"unfit": spoilt} if spoilt else {}
 
     def note(self, found: Finding | None) -> None:
@@ -495,7 +510,9 @@ class Image:
 
     def remove(self, found: Finding) -> None:
         """Add a finding, and take out the heights at its place."""
-        self.note(replace(found, text=found.text + ", removed", consequence="mended"))
+        self.note(
+            replace(found, text=found.text + ", removed", consequence="mended")
+        )
         self.take_out(found)
 
     def measured_part(self) -> list[float] | None:
@@ -522,7 +539,9 @@ class Image:
         )
         starts = [
             (start + before) * side
-            for (start, _), before, side in zip(part, first, self.sides, strict=True)
+            for (start, _), before, side in zip(
+                part, first, self.sides, strict=True
+            )
         ]
         return [
             float(f"{number:.9g}")

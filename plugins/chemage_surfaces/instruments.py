@@ -103,7 +103,9 @@ class X3p(Instrument):
             nx, ny = count[:2]
             if min(count) < 1 or count[2] != 1:
                 raise ValueError(f"{nx} x {ny} x {count[2]} points")
-            if any(fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"):
+            if any(
+                fields[f"Record1/Axes/C{axis}/AxisType"] != "I" for axis in "XY"
+            ):
                 raise InputError(
                     f"{source} holds points that are no grid; grid them in the program of the instrument"
                 )
@@ -118,9 +120,9 @@ class X3p(Instrument):
                     marks = np.frombuffer(
                         _member(archive, valid, -(-nx * ny // 8)), np.uint8
                     )
-                    heights[np.unpackbits(marks, bitorder="little")[: nx * ny] == 0] = (
-                        np.nan
-                    )
+                    heights[
+                        np.unpackbits(marks, bitorder="little")[: nx * ny] == 0
+                    ] = np.nan
             else:
                 points = [node.text or "" for node in root.iter("Datum")]
                 if len(points) != nx * ny:
@@ -250,7 +252,9 @@ class Gwy(Instrument):
                 )
             lateral = _unit(field, "si_unit_xy")
             # Gwyddion takes sides without their sign, and 0 for 1
-            sides = tuple(abs(float(field[name])) or 1.0 for name in ("xreal", "yreal"))
+            sides = tuple(
+                abs(float(field[name])) or 1.0 for name in ("xreal", "yreal")
+            )
             stated = (
                 None
                 if lateral is None
@@ -278,7 +282,9 @@ class Gwy(Instrument):
         with _content(path) as data:
             number, maps, _ = self._maps(data, path)
             others = [
-                title for title, _ in maps.values() if opposite(maps[number][0], title)
+                title
+                for title, _ in maps.values()
+                if opposite(maps[number][0], title)
             ]
         return self.replace(channel=others[0]) if others else None
 
@@ -384,7 +390,9 @@ class NetCdf(Instrument):
             for name, (dimensions, _, _) in variables.items()
             if len(dimensions) == 2
         ]
-        heights_in = [name for name in maps if _is_length(variables[name][2]["units"])]
+        heights_in = [
+            name for name in maps if _is_length(variables[name][2]["units"])
+        ]
         chosen = self.variable or next(
             (names[0] for names in (maps, heights_in) if len(names) == 1), None
         )
@@ -460,7 +468,9 @@ class Xyz(Instrument):
                 else 0.0
             )
             if not (step > 0 and math.isfinite(step)):
-                raise StoreError(f"{path}: all points have one {name}; it is no image")
+                raise StoreError(
+                    f"{path}: all points have one {name}; it is no image"
+                )
             place = (values - there[0]) / step
             if np.abs(place - np.rint(place)).max() > EVEN * max(
                 1.0, 0.1 * place.max()

@@ -59,13 +59,17 @@ class Profile:
             second = first[lag:] - first[:-lag]
             first, second = first[np.isfinite(first)], second[np.isfinite(second)]
             rms = (
-                math.sqrt(float(np.mean(np.square(first)))) if first.size else math.nan
+                math.sqrt(float(np.mean(np.square(first))))
+                if first.size
+                else math.nan
             )
             if second.size:
                 second = second - second.mean()
                 square = float(np.mean(np.square(second)))
                 skewness = (
-                    float(np.mean(second**3)) / square**1.5 if square > 0 else math.nan
+                    float(np.mean(second**3)) / square**1.5
+                    if square > 0
+                    else math.nan
                 )
                 curvature = math.sqrt(square) / (lag * side) ** 2 * scale
             else:
@@ -193,7 +197,9 @@ class Measures:
             "along x and y       x          y           x          y           x          y",
         ]
         names = ("distance", "difference", "slope", "curvature")
-        columns = [getattr(axis, name) for name in names for axis in (self.x, self.y)]
+        columns = [
+            getattr(axis, name) for name in names for axis in (self.x, self.y)
+        ]
         longest = max(self.x.distance, self.y.distance, key=len)
         # distances that are a power of two times the first one
         wanted = np.log2(longest / longest[:1]) % 1 == 0

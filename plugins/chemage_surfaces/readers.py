@@ -89,8 +89,12 @@ def as_map(
     try:
         in_nm = None if unit is None else convert(f"1 {unit}", "nm")
     except UnitError as error:
-        raise StoreError(f"{source} states the unit of its heights: {error}") from None
-    return HeightMap(heights, in_nm, sides, periodic, source=source, notes=notes or {})
+        raise StoreError(
+            f"{source} states the unit of its heights: {error}"
+        ) from None
+    return HeightMap(
+        heights, in_nm, sides, periodic, source=source, notes=notes or {}
+    )
 
 
 def stated_length(value: Any, source: str) -> float:
@@ -98,7 +102,9 @@ def stated_length(value: Any, source: str) -> float:
     try:
         return convert(value, "nm")
     except UnitError as error:
-        raise StoreError(f"{source} states the size of its pixels: {error}") from None
+        raise StoreError(
+            f"{source} states the size of its pixels: {error}"
+        ) from None
 
 
 class Instrument(Reader):
@@ -258,7 +264,9 @@ class Hdf5(Unitless):
                 and node.dtype.kind in "fiu"
             ):
                 maps.append(name)
-            return name if name.count("/") > DEEPEST else None  # which ends the visit
+            return (
+                name if name.count("/") > DEEPEST else None
+            )  # which ends the visit
 
         if self.dataset is not None:
             _check_links(file, self.dataset, path)
@@ -276,7 +284,9 @@ class Hdf5(Unitless):
             return file[maps[0]]  # pyright: ignore[reportReturnType]
         listed = errors.shortened(", ".join(maps), 1000) or "none"
         error = InputError if self.dataset is None and maps else StoreError
-        raise error(f"{problem}; two-dimensional datasets of numbers in it: {listed}")
+        raise error(
+            f"{problem}; two-dimensional datasets of numbers in it: {listed}"
+        )
 
 
 def _check_links(
@@ -349,7 +359,9 @@ def plain(value: Any) -> Any:
 def _single(value: Any, attribute: str, source: str) -> Any:
     """An attribute that is one number or text; None if it is not there."""
     if isinstance(value, np.ndarray) and value.size != 1:
-        raise StoreError(f"{source} has a {attribute} of {value.size} values; give one")
+        raise StoreError(
+            f"{source} has a {attribute} of {value.size} values; give one"
+        )
     value = plain(value)
     if value is not None and not isinstance(value, bool | int | float | str):
         raise StoreError(

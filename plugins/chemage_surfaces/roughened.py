@@ -27,7 +27,14 @@ from chemage.plugin import (
     roughness,
     threads,
 )
-from chemage_surfaces._maps import LARGEST_PART, Floats, Pair, Parts, provenance, stream
+from chemage_surfaces._maps import (
+    LARGEST_PART,
+    Floats,
+    Pair,
+    Parts,
+    provenance,
+    stream,
+)
 from chemage_surfaces.continuation import HOLD, Continuation, Drawn
 from chemage_surfaces.findings import PERIODIC, TERRACES, Finding, examined
 from chemage_surfaces.generated import JACOBS, half_spectrum, heights_at, heights_of
@@ -309,7 +316,11 @@ class Roughened(SurfaceMaker):
         if stairs is not None or waves is not None:
             image = Binned.of(whole)
         part = trusted(
-            measured, self.resolution, self.tip_radius, data=spectrum, with_noise=True
+            measured,
+            self.resolution,
+            self.tip_radius,
+            data=spectrum,
+            with_noise=True,
         )
         data = part.data
         if not len(data.q):
@@ -418,7 +429,9 @@ class Roughened(SurfaceMaker):
             band = (added["low"], added["high"])
             axes.fill_between(added["q"], *band, color="0.2", alpha=0.15, lw=0)
             axes.axvline(record["join"], color="0.6", lw=0.8)
-        axes.set(xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)")
+        axes.set(
+            xlabel="wavenumber q (1/nm)", ylabel="power spectral density C (nm⁴)"
+        )
         figures.legend(axes)
 
 
@@ -521,14 +534,17 @@ class _Plan(NamedTuple):
         if len(kept.q) < 2:
             return np.sqrt(self.kept_slope() ** 2 + added)
         share = kept.density * kept.q**3 * np.gradient(kept.q)
-        own, drawn = (law.gain(kept.q, one) @ share for one in (self.drawn, law.draws))
+        own, drawn = (
+            law.gain(kept.q, one) @ share for one in (self.drawn, law.draws)
+        )
         return np.sqrt(self.kept_slope() ** 2 * drawn / own + added)
 
     def wave_spectrum(self) -> NDArray[np.complex128]:
         """The half spectrum of a periodic image, of the waves that stay."""
         half: Any = np.asarray(
             sfft.rfft2(
-                self.measured.heights.astype(np.float64), workers=threads.available()
+                self.measured.heights.astype(np.float64),
+                workers=threads.available(),
             )
         )
         shape, side = self.measured.shape, self.measured.pixel_size
@@ -619,7 +635,9 @@ class _Plan(NamedTuple):
     def cosines(self, series: Floats, x: Floats, y: Floats) -> Floats:
         """The sum of cosines with these amplitudes at ``x`` and ``y``, nm: (len(x), len(y))."""
         at_x, at_y = (
-            np.cos(np.outer(at, np.pi * np.arange(n) / (n * self.measured.pixel_size)))
+            np.cos(
+                np.outer(at, np.pi * np.arange(n) / (n * self.measured.pixel_size))
+            )
             for n, at in zip(series.shape, (x, y), strict=True)
         )
         return at_x @ series @ at_y.T
@@ -629,14 +647,18 @@ class _Plan(NamedTuple):
         density at other directions: those that hardly change along a line, (waves along x, ny); 0 where the image has
         them."""
         steps = self.measured.provenance.get("steps", ())
-        lines = next((step["lines"] for step in steps if step["step"] == "lines"), None)
+        lines = next(
+            (step["lines"] for step in steps if step["step"] == "lines"), None
+        )
         rows = {None: 0, "linear": 2, "quadratic": 3}.get(lines, 1)
         q = self.cosine_waves()[:rows]
         data = self.law.part.data
         density = data.at(np.maximum(q, data.q[0]))
         area = self.measured.nominal_area
         # a cosine along both axes has four wave vectors, one along an axis two that others share
-        variance = density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
+        variance = (
+            density / area * np.where(np.arange(rows)[:, None] == 0, 1.0, 4.0)
+        )
         variance[q >= self.join * (1 - 1e-9)] = 0.0
         variance[:, 0] = 0.0
         return np.sqrt(variance)

@@ -70,7 +70,10 @@ def roughness_figure(
                 )
             except InputError:  # too few pixels
                 pass
-        for axis, profile, line in (("x", measured.x, "-"), ("y", measured.y, "--")):
+        for axis, profile, line in (
+            ("x", measured.x, "-"),
+            ("y", measured.y, "--"),
+        ):
             right.loglog(
                 profile.distance,
                 profile.difference,
@@ -83,9 +86,9 @@ def roughness_figure(
     if fit is not None and fit.data is not None:
         q = np.geomspace(fit.data.q[0], fit.data.q[-1], 200)
         roll = 0.0 if fit.roll_off is None else 2 * math.pi / fit.roll_off
-        law = fit.density * (np.maximum(q, roll) * fit.resolution / (2 * math.pi)) ** (
-            -2 - 2 * fit.hurst
-        )
+        law = fit.density * (
+            np.maximum(q, roll) * fit.resolution / (2 * math.pi)
+        ) ** (-2 - 2 * fit.hurst)
         left.loglog(
             q,
             law,

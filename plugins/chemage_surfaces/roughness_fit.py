@@ -82,7 +82,9 @@ class RoughnessFit:
         roll = 0.0 if self.roll_off is None else 2 * math.pi / self.roll_off
         at = 2 * math.pi / self.resolution
         density = self.density * (np.maximum(q, roll) / at) ** (-2 - 2 * self.hurst)
-        return math.sqrt(float(trapezoid(density * q**4, np.log(q))) / (2 * math.pi))
+        return math.sqrt(
+            float(trapezoid(density * q**4, np.log(q))) / (2 * math.pi)
+        )
 
     def maker(
         self,
@@ -144,7 +146,11 @@ class RoughnessFit:
     def section(self, pixel_size: str | None, cutoff: str | None) -> str:
         """The section ``[surface]`` of a scene, TOML, of :meth:`maker`."""
         maker = self.maker(pixel_size=pixel_size, cutoff=cutoff)
-        lines = ["[surface]", f'kind = "{maker.kind}"', f"pixels = {max(maker.pixels)}"]
+        lines = [
+            "[surface]",
+            f'kind = "{maker.kind}"',
+            f"pixels = {max(maker.pixels)}",
+        ]
         lines.append(f'pixel_size = "{maker.pixel_size:.10g} nm"')
         lines += [
             f"{name} = {getattr(maker, name):.10g}"
@@ -169,7 +175,9 @@ class RoughnessFit:
             rows["noise"] = f"{self.noise:.4g} nm rms, subtracted"
         rows["tip radius"] = "none is given or seen: no error has its effect"
         if self.tip_radius:
-            rows["tip radius"] = f"{self.tip_radius:.3g} nm, its effect is corrected"
+            rows["tip radius"] = (
+                f"{self.tip_radius:.3g} nm, its effect is corrected"
+            )
         rows["χ² per degree of freedom"] = f"{self.misfit:.2g}"
         if self.misfit > DOUBTFUL:
             rows["warning:"] = (
@@ -205,13 +213,17 @@ def fit_roughness(
     shortest = None if resolution is None else convert(resolution, "nm")
     radius = None if tip_radius is None else convert(tip_radius, "nm")
     if radius is not None and not (radius > 0 and math.isfinite(radius)):
-        raise InputError.of("tip_radius", tip_radius, "is no radius", "give nm above 0")
+        raise InputError.of(
+            "tip_radius", tip_radius, "is no radius", "give nm above 0"
+        )
     if retraces and len(retraces) != len(surfaces):
         raise InputError(
             f"retraces: {len(retraces)} for {len(surfaces)} images; give one for each, or None"
         )
     parts, findings = [], []
-    for one, retrace in zip(surfaces, retraces or [None] * len(surfaces), strict=True):
+    for one, retrace in zip(
+        surfaces, retraces or [None] * len(surfaces), strict=True
+    ):
         if shortest is not None and not shortest >= 2 * one.pixel_size * (1 - 1e-9):
             raise InputError(
                 f"resolution = {shortest:g} nm: shorter than two pixels, {2 * one.pixel_size:g} nm; give at least this"
@@ -243,7 +255,8 @@ def fit_roughness(
     ):  # as much as each is uncertain
         others = [part.without(which) for part in parts]
         error = math.hypot(
-            error, Binned.together(others).power_law(roll=roll or 0.0).hurst - law.hurst
+            error,
+            Binned.together(others).power_law(roll=roll or 0.0).hurst - law.hurst,
         )
     highest = float(data.q[-1])
     finest = max(parts, key=lambda part: part.data.q[-1])

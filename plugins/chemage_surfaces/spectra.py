@@ -129,7 +129,9 @@ class Modes:
         weight = np.broadcast_to(0.5 * roughness.multiplicity(ny), power.shape)
         nyquist = math.pi / side
         # a window spreads the mean and the trend over the first two waves
-        lowest = (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * side)
+        lowest = (
+            (1.0 if surface.periodic else 2.5) * 2 * math.pi / (max(nx, ny) * side)
+        )
         inside = (q >= lowest * (1 - 1e-9)) & (q < nyquist * (1 - 1e-9))
         if not surface.periodic:
             inside[np.abs(np.fft.fftfreq(nx, 1 / nx)) <= CROSS + 0.5] = False
@@ -137,7 +139,9 @@ class Modes:
         for x, y in (
             ()
             if waves is None
-            else np.rint(waves / (2 * math.pi) * side * (nx, ny)).astype(int).tolist()
+            else np.rint(waves / (2 * math.pi) * side * (nx, ny))
+            .astype(int)
+            .tolist()
         ):
             for i, j in ((x, y), (-x, -y)):
                 columns = slice(max(j - NEAR, 0), max(j + NEAR + 1, 0))
@@ -156,14 +160,18 @@ class Modes:
 
     def binned(self) -> Binned:
         """The mean densities in bins of q."""
-        which = np.floor(BINS * np.log(self.q / self.lowest) + 1e-6).astype(np.int64)
+        which = np.floor(BINS * np.log(self.q / self.lowest) + 1e-6).astype(
+            np.int64
+        )
         count = np.bincount(which, self.weight)
         filled = count > 0
         # the wavenumber at which a density of a typical slope has the mean of the bin
         slope = 3.5
         mean_q = np.bincount(which, self.weight * self.q**-slope)[filled]
         mean_q = (mean_q / count[filled]) ** (-1 / slope)
-        density = np.bincount(which, self.weight * self.density)[filled] / count[filled]
+        density = (
+            np.bincount(which, self.weight * self.density)[filled] / count[filled]
+        )
         return Binned(mean_q, density, np.maximum(count[filled] * self.share, 0.5))
 
     def directions(self, lowest: float, highest: float) -> Floats:
@@ -172,12 +180,14 @@ class Modes:
         part = (self.q >= lowest) & (self.q <= highest)
         mean = self.binned().at(self.q[part])
         which = (
-            np.rint(self.angle[part] / math.pi * DIRECTIONS).astype(int) % DIRECTIONS
+            np.rint(self.angle[part] / math.pi * DIRECTIONS).astype(int)
+            % DIRECTIONS
         )
         weight = self.weight[part]
         count = np.maximum(np.bincount(which, weight, DIRECTIONS), 1e-300)
         ratio = (
-            np.bincount(which, weight * self.density[part] / mean, DIRECTIONS) / count
+            np.bincount(which, weight * self.density[part] / mean, DIRECTIONS)
+            / count
         )
         error = polygamma(1, np.maximum(count * self.share, 0.5))
         logs = np.log(np.maximum(ratio, 1e-300))
@@ -244,7 +254,8 @@ class Binned:
     def rms(self) -> float:
         """rms height of the waves in the bins, nm: h² = ∫ C q dq/(2π)."""
         return math.sqrt(
-            float(trapezoid(self.density * self.q**2, np.log(self.q))) / (2 * math.pi)
+            float(trapezoid(self.density * self.q**2, np.log(self.q)))
+            / (2 * math.pi)
         )
 
     @property
@@ -289,9 +300,9 @@ class Binned:
         loss = np.array([law.misfit for law in laws]) * max(len(self.q) - 2, 1)
         best = int(np.argmin(loss))
         allowed = candidates[loss <= loss[best] + max(laws[best].misfit, 1.0)]
-        if without.misfit * max(len(self.q) - 2, 1) - loss[best] < SIGNIFICANT * max(
-            laws[best].misfit, 1.0
-        ):
+        if without.misfit * max(len(self.q) - 2, 1) - loss[
+            best
+        ] < SIGNIFICANT * max(laws[best].misfit, 1.0):
             return None, None, without
         return (
             float(candidates[best]),

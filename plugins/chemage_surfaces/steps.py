@@ -46,10 +46,17 @@ def cropped(
             )
         taken.append((first, count))
     (ix, nx), (iy, ny) = taken
-    return np.ascontiguousarray(heights[ix : ix + nx, iy : iy + ny]), [ix, iy, nx, ny]
+    return np.ascontiguousarray(heights[ix : ix + nx, iy : iy + ny]), [
+        ix,
+        iy,
+        nx,
+        ny,
+    ]
 
 
-def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np.bool_]:
+def find_spikes(
+    heights: Floats, threshold: float, periodic: bool
+) -> NDArray[np.bool_]:
     """Pixels that differ from the median of the 5 x 5 pixels around them by more than ``threshold`` times the robust
     standard deviation (1.4826 times the median) of such differences, but at least 1 % of the standard deviation of the
     medians, and by more than twice the range of the medians around them.
@@ -73,7 +80,8 @@ def find_spikes(heights: Floats, threshold: float, periodic: bool) -> NDArray[np
     )
     median = ndimage.median_filter(padded, size=5)
     local = (
-        ndimage.maximum_filter(median, size=5) - ndimage.minimum_filter(median, size=5)
+        ndimage.maximum_filter(median, size=5)
+        - ndimage.minimum_filter(median, size=5)
     )[2:-2, 2:-2]
     smooth = median[2:-2, 2:-2]
     away = np.abs(whole - smooth)
@@ -154,7 +162,9 @@ def _robust(basis: Floats, values: Floats) -> Floats:
     least = 1e-9 * float(np.ptp(values)) + 1e-300
     fit: Any = np.zeros(basis.shape[1])
     for _ in range(30):
-        fit = np.linalg.lstsq(basis * weight[:, None], values * weight, rcond=None)[0]
+        fit = np.linalg.lstsq(basis * weight[:, None], values * weight, rcond=None)[
+            0
+        ]
         weight = 1 / np.sqrt(np.maximum(np.abs(values - basis @ fit), least))
     used = np.ones(len(values), dtype=bool)
     for _ in range(10):
@@ -189,7 +199,9 @@ def find_scars(heights: Floats) -> NDArray[np.bool_]:
     whole = np.where(np.isfinite(heights), heights, np.nan)
     along = np.ones((SCAR_PIXELS, 1))
     for width in range(1, min(SCAR_LINES, heights.shape[1] - 2) + 1):
-        inside = np.lib.stride_tricks.sliding_window_view(whole[:, 1:-1], width, axis=1)
+        inside = np.lib.stride_tricks.sliding_window_view(
+            whole[:, 1:-1], width, axis=1
+        )
         before, after = whole[:, : inside.shape[1]], whole[:, width + 1 :]
         for sign in (1.0, -1.0):
             low = (sign * inside).min(axis=2)
@@ -248,7 +260,10 @@ def filled(heights: Floats, periodic: bool) -> Floats:
         # heights about their mean, so that the tolerance is one of the roughness
         level = float(start.mean())
         solution, failed = linalg.cg(
-            matrix, around - matrix @ np.full(count, level), x0=start - level, rtol=1e-8
+            matrix,
+            around - matrix @ np.full(count, level),
+            x0=start - level,
+            rtol=1e-8,
         )
         if failed:
             raise ValueError(
@@ -275,7 +290,10 @@ def trend(heights: Floats, degree: int) -> Floats:
         known = np.where(there, heights, 0.0)
         right = np.array([across[i] @ known @ along[j] for i, j in pairs])
         normal = [
-            [(across[i] * across[k]) @ there @ (along[j] * along[m]) for k, m in pairs]
+            [
+                (across[i] * across[k]) @ there @ (along[j] * along[m])
+                for k, m in pairs
+            ]
             for i, j in pairs
         ]
         found: Any = np.linalg.lstsq(np.array(normal), right, rcond=1e-12)[0]
@@ -335,7 +353,9 @@ def resampled(
         ends = "periodic" if periodic else "not-a-knot"
         spline = CubicSpline(np.arange(count + 1) * old, integral, bc_type=ends)
         edges = np.minimum(np.arange(new + 1) * side, count * old)
-        heights = np.moveaxis(np.diff(spline(edges), axis=0) / side + level, 0, axis)
+        heights = np.moveaxis(
+            np.diff(spline(edges), axis=0) / side + level, 0, axis
+        )
     return np.ascontiguousarray(heights)
 
 

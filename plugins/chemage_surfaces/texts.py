@@ -89,14 +89,20 @@ class Text(Unitless):
             data = file.read()
         try:
             text = (
-                data.decode("utf-16") if data[:2] in UTF16 else tables.read_text(path)
+                data.decode("utf-16")
+                if data[:2] in UTF16
+                else tables.read_text(path)
             )
         except UnicodeDecodeError:
             raise StoreError(f"{path} is not a text file") from None
         lines = tables.data_lines(text, self.comments)
         # the header of an instrument has no comment character
         first = next(
-            (place for place, (_, line) in enumerate(lines) if not _HEADER.match(line)),
+            (
+                place
+                for place, (_, line) in enumerate(lines)
+                if not _HEADER.match(line)
+            ),
             len(lines),
         )
         lines = lines[first:]

@@ -159,7 +159,9 @@ class Sphere(_Body):
         return self
 
     def _heights(self, x: Floats, y: Floats) -> Floats:
-        return -((x / (2 * self.radius))[:, None] + (y / (2 * self.radius))[None, :])
+        return -(
+            (x / (2 * self.radius))[:, None] + (y / (2 * self.radius))[None, :]
+        )
 
 
 class SphericalCap(_Body):
@@ -207,7 +209,9 @@ class Cone(_Body):
         square = x[:, None] + y
         # on the side the cap is that of the circle of touch, and the cone goes on from there
         side = np.maximum(np.sqrt(square) - touch, 0.0)
-        return _cap(np.minimum(square, touch**2), self.radius) - side / math.tan(angle)
+        return _cap(np.minimum(square, touch**2), self.radius) - side / math.tan(
+            angle
+        )
 
 
 def _cap(square: Floats, radius: float) -> Floats:
@@ -244,7 +248,8 @@ class Tip(SurfaceMaker):
     counterface_seed: _Seed | None = None
     """seed of the counterface; None: 0, or where seeds draw only what an image does not show, that of the surface"""
     place: (
-        tuple[Annotated[Any, Unit("nm", ge=0)], Annotated[Any, Unit("nm", ge=0)]] | None
+        tuple[Annotated[Any, Unit("nm", ge=0)], Annotated[Any, Unit("nm", ge=0)]]
+        | None
     ) = None
     """[x, y] of the middle of the tip on the counterface, nm from its edges, to whole pixels; None: random, uniform
     over all places where the tip's grid lies on the counterface"""
@@ -329,7 +334,9 @@ class Tip(SurfaceMaker):
 
     def members(self, count: int) -> Sequence[Self]:
         """Those of the parts."""
-        parts = {name: maker.members(count) for name, maker in self._parts().items()}
+        parts = {
+            name: maker.members(count) for name, maker in self._parts().items()
+        }
         found = [{} for _ in range(max(map(len, parts.values())))]
         for name, members in parts.items():
             for options, member in zip(found, members, strict=False):
@@ -339,7 +346,9 @@ class Tip(SurfaceMaker):
     @property
     def unknown(self) -> str:
         """What is not known of the parts."""
-        return "; ".join(filter(None, (one.unknown for one in self._parts().values())))
+        return "; ".join(
+            filter(None, (one.unknown for one in self._parts().values()))
+        )
 
     def _parts(self) -> dict[str, SurfaceMaker]:
         """The makers of the parts that there are."""
@@ -360,7 +369,9 @@ class Tip(SurfaceMaker):
         """
         seed = stream(seed)
         body = self.body.make(seed)
-        heights = body.heights.astype(np.float64) * (1.0 if self.apex == "up" else -1.0)
+        heights = body.heights.astype(np.float64) * (
+            1.0 if self.apex == "up" else -1.0
+        )
         record: dict[str, Any] = {"body": body.provenance}
         below, beyond = None, -math.inf
         if self.counterface is not None:
@@ -460,7 +471,9 @@ class Tip(SurfaceMaker):
         self._check_part(name, *grids)
         rng = np.random.Generator(np.random.Philox(stream))
         first = []
-        for axis, (count, width) in enumerate(zip(surface.shape, shape, strict=True)):
+        for axis, (count, width) in enumerate(
+            zip(surface.shape, shape, strict=True)
+        ):
             last = count - 1 if surface.periodic else count - width
             start = (
                 int(rng.integers(last + 1))
@@ -487,7 +500,9 @@ class Tip(SurfaceMaker):
 def _cut(surface: Surface | Parts, first: Pair, shape: Pair) -> Floats:
     """Heights of ``shape`` pixels from ``first`` on, nm."""
     if isinstance(surface, Parts):
-        x, y = (start + count // 2 for start, count in zip(first, shape, strict=True))
+        x, y = (
+            start + count // 2 for start, count in zip(first, shape, strict=True)
+        )
         return surface.heights(first, shape, (x, y), 1)
     rows, columns = (
         np.arange(start, start + count) % side
@@ -513,7 +528,11 @@ class _Patch(NamedTuple):
         """The patch under a body whose grid begins at the pixel ``first``, or what holds all points up to ``depth``
         (nm) below the highest one. Of :class:`Parts` they are sought as far around as the image says that they may be.
         """
-        size, shape, begin = surface.pixel_size, np.array(body.pixels), np.array(first)
+        size, shape, begin = (
+            surface.pixel_size,
+            np.array(body.pixels),
+            np.array(first),
+        )
         middle, apex = begin + shape // 2, begin + 0.5 * (shape - 1)
         low, beyond = 0 * shape, -math.inf
 
@@ -570,7 +589,9 @@ def _searched(
         shape = heights.shape
         corner = low + 0.5 * (step - 1) - apex
         lower = heights + _body_at(body, corner, shape, size, step) - unsure
-        upper = heights + _body_at(body, corner, shape, size, step, step / 2) + unsure
+        upper = (
+            heights + _body_at(body, corner, shape, size, step, step / 2) + unsure
+        )
         can = np.argwhere(upper >= lower.max() - depth)
         # of the cells around the points that can touch
         least, most = can.min(axis=0), can.max(axis=0) + 1
@@ -596,7 +617,9 @@ def _searched(
         beyond = max(beyond, float(upper.max()))
         if is_last:
             first, end = start.astype(int), end.astype(int)
-            part = surface.heights(_pair(first), _pair(end - first), _pair(middle), 1)
+            part = surface.heights(
+                _pair(first), _pair(end - first), _pair(middle), 1
+            )
             return first, part, beyond
         low, step = np.maximum(np.floor(start), 0).astype(int), finer
         counts = np.ceil((np.minimum(end, surface.shape) - low) / step).astype(int)

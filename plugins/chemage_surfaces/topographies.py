@@ -96,7 +96,9 @@ class Topography(Instrument):
                     if not (other.is_height_channel and other.dim == 2):
                         continue
                     # trace and retrace of one quantity, by their names or by what the format says
-                    info = [one.info.get("raw_metadata", {}) for one in (own, other)]
+                    info = [
+                        one.info.get("raw_metadata", {}) for one in (own, other)
+                    ]
                     ways = sorted(
                         str(each.get("line direction", "")).lower() for each in info
                     )
@@ -104,7 +106,9 @@ class Topography(Instrument):
                         "retrace",
                         "trace",
                     ]
-                    if scans or opposite(str(own.channel_id), str(other.channel_id)):
+                    if scans or opposite(
+                        str(own.channel_id), str(other.channel_id)
+                    ):
                         return self.replace(channel=str(other.channel_id))
         except ChemageError:
             raise
@@ -131,7 +135,9 @@ class Topography(Instrument):
                     {}
                     if sizes is not None
                     else {
-                        "physical_sizes": tuple(float(n) for n in channel.nb_grid_pts)
+                        "physical_sizes": tuple(
+                            float(n) for n in channel.nb_grid_pts
+                        )
                     }
                 )
                 topography = channel.topography(**grid)
@@ -168,7 +174,12 @@ class Topography(Instrument):
         heights.setflags(write=False)
         notes = {"format": kind, "channel": label}
         return HeightMap(
-            heights, unit, sides, bool(topography.is_periodic), source=name, notes=notes
+            heights,
+            unit,
+            sides,
+            bool(topography.is_periodic),
+            source=name,
+            notes=notes,
         )
 
     def _unit(self, stated: str | None, name: str) -> float | None:

@@ -52,7 +52,9 @@ def fitted_noise(data: Binned) -> tuple[float, float]:
         x = np.log(np.maximum(data.q, roll) / at)
 
         def residuals(p: Floats) -> Floats:
-            return (values - np.logaddexp(p[0] - (2 + 2 * p[1]) * x, p[2])) / deviation
+            return (
+                values - np.logaddexp(p[0] - (2 + 2 * p[1]) * x, p[2])
+            ) / deviation
 
         start = [
             float(np.interp(math.log(at), np.log(data.q), values)),
@@ -113,7 +115,9 @@ class Trusted:
         if which >= len(self.corrections):
             return self.data
         added, doubt = self.corrections[which]
-        return replace(self.data, density=self.data.density * np.exp(-doubt * added))
+        return replace(
+            self.data, density=self.data.density * np.exp(-doubt * added)
+        )
 
 
 def noise_between(trace: Surface, retrace: Surface) -> Surface:
@@ -206,7 +210,10 @@ def trusted(
     elif not with_noise and len(data.q) >= 3 * FEWEST and (data.density > 0).all():
         # folded waves are no noise
         white, _ = fitted_noise(replace(data, density=data.density / (1 + folded)))
-        noise, rms = np.full(len(data.q), white), math.sqrt(white) / surface.pixel_size
+        noise, rms = (
+            np.full(len(data.q), white),
+            math.sqrt(white) / surface.pixel_size,
+        )
     clean = data.density - noise
     noisy = np.nonzero(noise > NOISE_SHARE * clean)[0]
     kept = int(noisy[0]) if noisy.size else len(clean)
@@ -259,7 +266,11 @@ def _folded(data: Binned, nyquist: float) -> Floats:
     angle = (np.arange(16) + 0.5) * math.pi / 32
     qx, qy = data.q[:, None] * np.cos(angle), data.q[:, None] * np.sin(angle)
     share = np.zeros(qx.shape)
-    for i, j in ((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)):
+    for i, j in (
+        (i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)
+    ):
         away = np.hypot(qx + 2 * i * nyquist, qy + 2 * j * nyquist)
-        share += (away / data.q[:, None]) ** (-2 - 2 * min(max(law.hurst, 0.0), 1.0))
+        share += (away / data.q[:, None]) ** (
+            -2 - 2 * min(max(law.hurst, 0.0), 1.0)
+        )
     return share.mean(axis=1)

@@ -56,7 +56,9 @@ def tradeoff(
 
     files = out or []
     for file in files:
-        options.check_ending(file, (".json", *options.FIGURES), "a map or its figure")
+        options.check_ending(
+            file, (".json", *options.FIGURES), "a map or its figure"
+        )
         preflight(file, force=force)
     if len(set(files)) < len(files):
         raise options.user_error("--out: one file is named twice")
@@ -86,4 +88,6 @@ def tradeoff(
         return
     output.show_result(result)
     for file in files:
-        output.say(f"{'map' if file.suffix.lower() == '.json' else 'figure':8} {file}")
+        output.say(
+            f"{'map' if file.suffix.lower() == '.json' else 'figure':8} {file}"
+        )

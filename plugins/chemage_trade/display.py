@@ -66,7 +66,10 @@ class TradeDisplay(Result):
                 "mean difference from the reference in %, ± half the width of its 95 % interval",
             ),
             ("(in brackets)", "not resolved, smaller than that; 0: below 0.005"),
-            ("*", "on the Pareto front: nothing else is both faster and more accurate"),
+            (
+                "*",
+                "on the Pareto front: nothing else is both faster and more accurate",
+            ),
         ]
         if scatter := trade.surface_scatter.get("beta"):
             scatters = f"scatters by about {text.percent(scatter)} between surfaces"
@@ -92,12 +95,16 @@ class TradeDisplay(Result):
         for name, lines in self.trade.sentences().items():
             title = f"The cheapest settings for the {words(name)} of one surface:"
             rows = [(line,) for line in lines]
-            tables.append(Table(title, (), rows, "Cheapest settings", in_detail=False))
+            tables.append(
+                Table(title, (), rows, "Cheapest settings", in_detail=False)
+            )
         return tables
 
     def _table(self, title: str, names: Sequence[str]) -> Table:
         first, short, rows = names[0], _short_knobs(self.trade), []
-        for point in sorted(self.trade.of(first), key=lambda one: one.seconds(first)):
+        for point in sorted(
+            self.trade.of(first), key=lambda one: one.seconds(first)
+        ):
             if len(point.choices) > 1 and not {*names} & {*point.front}:
                 continue  # a combination that is beaten by another
             settings = [
@@ -143,7 +150,8 @@ def _short_knobs(trade: Tradeoff) -> dict[str, str]:
     }
     last = [*knobs.values()]
     short = {
-        knob: part if last.count(part) == 1 else knob for knob, part in knobs.items()
+        knob: part if last.count(part) == 1 else knob
+        for knob, part in knobs.items()
     }
     return {**short, TradePoint.GRID: "grid", AGEING: ""}
 
@@ -178,7 +186,9 @@ def _shown(trade: Tradeoff) -> list[str]:
     """The observables that are drawn: of the hold times the first, a middle one and the last."""
     drops = _drops(trade)
     shown = {*drops[:1], *drops[len(drops) // 2 :][:1], *drops[-1:]}
-    return [name for name in trade.observables if name in shown or name not in drops]
+    return [
+        name for name in trade.observables if name in shown or name not in drops
+    ]
 
 
 class _Style:
@@ -199,7 +209,11 @@ class _Style:
             "marker": self.markers[_ageing(point)],
             "color": self.colors[_contact(point)],
         }
-        return style if len(point.choices) > 1 else style | {"markerfacecolor": "white"}
+        return (
+            style
+            if len(point.choices) > 1
+            else style | {"markerfacecolor": "white"}
+        )
 
     def handles(self) -> list[Any]:
         """What the legend shows."""
@@ -220,7 +234,9 @@ class _Style:
                 (name or "grid of the scene", {"marker": "o", "color": color})
             )
         for name, marker in self.markers.items() if len(self.markers) > 1 else ():
-            symbols.append((name or "ageing of the scene", {**grey, "marker": marker}))
+            symbols.append(
+                (name or "ageing of the scene", {**grey, "marker": marker})
+            )
         usual = {"linestyle": "none", "markersize": 6}
         return [
             Line2D([], [], label=label, **{**usual, **style})
@@ -237,9 +253,9 @@ def _contact(point: TradePoint) -> str:
 
 def _ageing(point: TradePoint) -> str:
     """How the ageing of a point is computed, without numbers; "" as in the scene."""
-    return (point.choices.get(AGEING) or point.choices.get(ENGINE, "")).partition(",")[
-        0
-    ]
+    return (point.choices.get(AGEING) or point.choices.get(ENGINE, "")).partition(
+        ","
+    )[0]
 
 
 def _draw(axes: Axes, _: Any, trade: Tradeoff, name: str, style: _Style) -> None:
@@ -259,7 +275,9 @@ def _draw(axes: Axes, _: Any, trade: Tradeoff, name: str, style: _Style) -> None
         axes.step(*ends, where="post", color=figures.GREY, lw=1, zorder=2)
     axes.set(xscale="log", yscale="log", title=words(name))
     for axis, values in zip(
-        (axes.xaxis, axes.yaxis), zip(*map(place, points), strict=True), strict=False
+        (axes.xaxis, axes.yaxis),
+        zip(*map(place, points), strict=True),
+        strict=False,
     ):
         _scale(axis, values)
     if any(error < nothing for error in errors.values()):

@@ -309,7 +309,9 @@ class _Trial:
     def differences(self, name: str) -> list[np.ndarray]:
         """(replicas,) from the reference in each round; none where that does not have the observable."""
         pairs = zip(self.rounds, self.references, strict=True)
-        return [one.less(other, name) for one, other in pairs if name in other.values]
+        return [
+            one.less(other, name) for one, other in pairs if name in other.values
+        ]
 
 
 class Mapper(Design):
@@ -317,7 +319,9 @@ class Mapper(Design):
 
     timed = True
 
-    def __init__(self, scene: Scene, rounds: int | None, report: Report | None) -> None:
+    def __init__(
+        self, scene: Scene, rounds: int | None, report: Report | None
+    ) -> None:
         self.scene, self._report = scene, report or (lambda _: None)
         self.notes: list[str] = []
         self.random = scene.is_random
@@ -449,7 +453,9 @@ class Mapper(Design):
         assert hold is not None
         for one in self.choices:
             if one.stage == "ageing":
-                with suppress(ChemageError):  # the reason is noted where it is measured
+                with suppress(
+                    ChemageError
+                ):  # the reason is noted where it is measured
                     tasks[one.words] = of(applied(self.scene, (one,)))
 
         def seconds(task: Timed) -> float:
@@ -496,7 +502,10 @@ class Mapper(Design):
         yield self._named(number, named)
         for trial, (task, compared) in tasks.items():
             try:
-                timing, reference = self._measured_of(task), self._measured_of(compared)
+                timing, reference = (
+                    self._measured_of(task),
+                    self._measured_of(compared),
+                )
             except ChemageError as error:
                 self._refused(trial.combination, error)
                 continue
@@ -507,7 +516,9 @@ class Mapper(Design):
 
     def _refused(self, combination: Combination, error: BaseException) -> None:
         if len(combination) == 1:
-            self.notes.append(f"{combination[0].words}: {str(error).splitlines()[0]}")
+            self.notes.append(
+                f"{combination[0].words}: {str(error).splitlines()[0]}"
+            )
 
     def _task(self, scene: Scene, number: int, compared: bool = True) -> Timed:
         """A scene on the surface of a round, with its random numbers."""
@@ -522,7 +533,9 @@ class Mapper(Design):
                 replicas=scene.hold.replicas, seed=scene.hold.seed + number
             )
         return scene.model_copy(
-            update={"surface_seed": scene.surface_seed + (number if self.random else 0)}
+            update={
+                "surface_seed": scene.surface_seed + (number if self.random else 0)
+            }
         )
 
     def _compared(self, trial: _Trial, number: int) -> Timed:
@@ -556,7 +569,9 @@ class Mapper(Design):
         differences = trial.differences(name)
         if not differences:
             return math.nan
-        return max(abs(float(differences[0].mean())), math.sqrt(_noise(differences[0])))
+        return max(
+            abs(float(differences[0].mean())), math.sqrt(_noise(differences[0]))
+        )
 
     def _fronts(
         self, trials: list[_Trial], seconds: Callable[[_Trial], float]
@@ -565,7 +580,9 @@ class Mapper(Design):
         on_front: dict[_Trial, None] = {}
         for name in self.observables():
             comparable = [
-                trial for trial in trials if not math.isnan(self._error(trial, name))
+                trial
+                for trial in trials
+                if not math.isnan(self._error(trial, name))
             ]
             on_front |= dict.fromkeys(
                 pareto(
@@ -596,9 +613,9 @@ class Mapper(Design):
             ]
             if name == ENGINE:  # exact engines differ by their speed alone
                 exact = [trial for trial in cheaper if trial.combination[0].exact]
-                cheaper = [trial for trial in cheaper if trial not in exact] + sorted(
-                    exact, key=seconds
-                )[:1]
+                cheaper = [
+                    trial for trial in cheaper if trial not in exact
+                ] + sorted(exact, key=seconds)[:1]
             front = sorted(self._fronts(cheaper, seconds), key=seconds)
             if len(front) > MOST_VALUES:
                 front = [front[0], front[len(front) // 2], front[-1]]
@@ -614,7 +631,8 @@ class Mapper(Design):
             if len(combination) > 1 and go_together(combination):
                 together.append(combination)
         tried = sorted(
-            self._tried(together), key=lambda trial: self._presumed(trial.combination)
+            self._tried(together),
+            key=lambda trial: self._presumed(trial.combination),
         )[:MOST_TRIED]
         return sorted(tried, key=lambda trial: _contact_of(trial.combination))
 
@@ -718,7 +736,9 @@ def _mean_of(rounds: Sequence[_Timing], name: str) -> float:
 
 def _rounds(scene: Scene) -> int:
     costs = plan(scene)
-    seconds = (costs.contact_cpu_seconds or 0.0) + (costs.kinetics_cpu_seconds or 0.0)
+    seconds = (costs.contact_cpu_seconds or 0.0) + (
+        costs.kinetics_cpu_seconds or 0.0
+    )
     return next(rounds for most, rounds in ROUNDS if seconds < most)
 
 
@@ -738,7 +758,9 @@ def _approximate(own: Scene, other: Scene) -> str:
     return text.approximations_in_words(entries)
 
 
-def _mean_and_error(rounds: list[np.ndarray], random: bool) -> tuple[float, float, int]:
+def _mean_and_error(
+    rounds: list[np.ndarray], random: bool
+) -> tuple[float, float, int]:
     """The mean difference, its standard error, and the degrees of freedom of that.
 
     Where rounds are surfaces, the error is that of the scatter between these. A few surfaces may by chance scatter less

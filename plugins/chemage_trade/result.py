@@ -76,7 +76,8 @@ def go_together(combination: Combination) -> bool:
     """Whether settings can be combined: no two of one option, and none of a component that another one replaces."""
     paths = [path for one in combination for path in one.changes]
     if any(
-        f"{inner}.".startswith(f"{outer}.") for inner, outer in permutations(paths, 2)
+        f"{inner}.".startswith(f"{outer}.")
+        for inner, outer in permutations(paths, 2)
     ):
         return False
     method = any(one.name == AGEING and not one.exact for one in combination)
@@ -107,7 +108,9 @@ def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
         for option, values in part.trade.items():
             name = f"{path}.{option}"
             if section == OBSERVABLES:
-                notes.append(f"{name}: not tried, because it changes what is measured")
+                notes.append(
+                    f"{name}: not tried, because it changes what is measured"
+                )
                 continue
             if stage == "ageing" and not scene.ages:
                 notes.append(
@@ -117,7 +120,9 @@ def _options(scene: Scene, notes: list[str]) -> Iterator[TradeSetting]:
             own = getattr(part, option, None)
             tried = _some(tuple(values), own)
             if len(tried) < len(values):
-                notes.append(f"{name}: {len(tried)} of {len(values)} values are tried")
+                notes.append(
+                    f"{name}: {len(tried)} of {len(values)} values are tried"
+                )
             yield from (
                 TradeSetting(name, str(value), {name: value}, stage)
                 for value in tried
@@ -156,12 +161,16 @@ def _kinds(scene: Scene, role: str, notes: list[str]) -> Iterator[TradeSetting]:
         if type(own) is cls:
             continue
         tried: list[dict[str, Any]] = [{}]
-        if role == SOLVER:  # the options that it has in common with that of the scene
+        if (
+            role == SOLVER
+        ):  # the options that it has in common with that of the scene
             shared = scene.contact.model_fields_set & cls.model_fields.keys()
             tried = [{name: getattr(own, name) for name in shared}]
         elif role == AGEING and cls.trade:
             tried = [
-                {name: value} for name, values in cls.trade.items() for value in values
+                {name: value}
+                for name, values in cls.trade.items()
+                for value in values
             ]
         for options in tried:
             words = (
@@ -181,7 +190,9 @@ def _kinds(scene: Scene, role: str, notes: list[str]) -> Iterator[TradeSetting]:
                         f"it may need {before:.0f} CPU seconds before its first answer"
                     )
             except ChemageError as error:
-                notes.append(f"{role} {label}: not tried: {str(error).splitlines()[0]}")
+                notes.append(
+                    f"{role} {label}: not tried: {str(error).splitlines()[0]}"
+                )
                 continue
             if before > 0:
                 notes.append(
@@ -389,11 +400,15 @@ class Tradeoff(TradeMap):
 
     def marked(self) -> Tradeoff:
         """The same with the front of every observable marked in the points."""
-        fronts = {name: list(map(id, self.front(name))) for name in self.observables}
+        fronts = {
+            name: list(map(id, self.front(name))) for name in self.observables
+        }
         points = [
             replace(
                 point,
-                front=[name for name, front in fronts.items() if id(point) in front],
+                front=[
+                    name for name, front in fronts.items() if id(point) in front
+                ],
             )
             for point in self.points
         ]
@@ -414,7 +429,9 @@ class Tradeoff(TradeMap):
         self, point: TradePoint, observable: str, within: float, bound: float
     ) -> list[Cheapest]:
         """The point with as many replicas as the accuracy needs; nothing where these are too many."""
-        found = Cheapest(observable, within, point, error=bound, settings_error=bound)
+        found = Cheapest(
+            observable, within, point, error=bound, settings_error=bound
+        )
         contact, replica = self.seconds_of(point)
         if not TradePoint.of_ageing(observable):
             return [replace(found, seconds=contact)]

@@ -21,7 +21,11 @@ from chemage.scene import plan as estimate
 from chemage.scene.files import load_scene
 from chemage.scene.run import run
 from chemage.scene.scene import Scene
-from chemage.studies.ensembles.quantities import AccuracyGoal, Quantities, SurfaceSample
+from chemage.studies.ensembles.quantities import (
+    AccuracyGoal,
+    Quantities,
+    SurfaceSample,
+)
 from chemage.studies.runner import PROGRAM
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade import TradeMap, TradePoint
@@ -249,7 +253,11 @@ def _mapped(scene: Scene, point: TradePoint, map: TradeMap) -> Computation:
 def _names(quantities: Quantities) -> list[str]:
     """The name of every column in a map."""
     curve = [f"friction_drop@{time:g} s" for time in quantities.hold_times.tolist()]
-    return [*(["beta"] if quantities.has_beta else []), *curve, *quantities.measures]
+    return [
+        *(["beta"] if quantities.has_beta else []),
+        *curve,
+        *quantities.measures,
+    ]
 
 
 def _errors(point: TradePoint, names: Sequence[str]) -> np.ndarray:

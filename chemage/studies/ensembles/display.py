@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: what the errors of a mean over surfaces are
-OVER_SURFACES = "95 % intervals (Student's t) that include the scatter between surfaces"
+OVER_SURFACES = (
+    "95 % intervals (Student's t) that include the scatter between surfaces"
+)
 #: what every ± of an ensemble is
 TITLE = "± is half the width of a 95 % interval"
 #: more single surfaces are not drawn, of those there are the first
@@ -108,15 +110,21 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             if time:
                 one = self.record.estimate(name, convert(time, "s"))
                 at_times.append(
-                    one.but(name=goal, label=f"{one.title} {one.of}", symbol="", of="")
+                    one.but(
+                        name=goal, label=f"{one.title} {one.of}", symbol="", of=""
+                    )
                 )
         # those of b are those of β
         found = []
         for one in self.record.numbers():
-            errors = {self._source(cause): part for cause, part in one.errors.items()}
+            errors = {
+                self._source(cause): part for cause, part in one.errors.items()
+            }
             found.append(one.but(errors=errors if one.name != "b" else {}))
         shown = [
-            one if one.name in names or one.name in asked else one.but(rank=Rank.REST)
+            one
+            if one.name in names or one.name in asked
+            else one.but(rank=Rank.REST)
             for one in found
         ]
         return [*shown, *at_times]
@@ -165,7 +173,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         for one in self.quantities():
             if one.rank <= Rank.TABLE:
                 rows += [
-                    (one.row()[0], size, cause, how) for cause, size, how in one.parts()
+                    (one.row()[0], size, cause, how)
+                    for cause, size, how in one.parts()
                 ]
         parts = Table(
             "Standard errors by name",
@@ -309,10 +318,19 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         if np.isfinite(half).any():
             band = "95 % interval of the mean"
             axes.fill_between(
-                times, mean - half, mean + half, color=own, alpha=0.3, lw=0, label=band
+                times,
+                mean - half,
+                mean + half,
+                color=own,
+                alpha=0.3,
+                lw=0,
+                label=band,
             )
         if ensemble.quantities.has_beta:
-            beta, fitted = ensemble.estimate("beta"), ensemble.quantities.fitted[drawn]
+            beta, fitted = (
+                ensemble.estimate("beta"),
+                ensemble.quantities.fitted[drawn],
+            )
             x = np.log10(times[fitted])
             line = mean[fitted].mean() + beta.value * (x - x.mean())
             text = f"{beta.short()} per decade (line, {span_text(ensemble.quantities.span)})"
@@ -320,7 +338,12 @@ class EnsembleDisplay(OfRecord[Ensemble]):
                 ensemble.quantities.doubt
             )
             axes.plot(
-                times[fitted], line, color=ORANGE, lw=1.2, zorder=3, label=plain(text)
+                times[fitted],
+                line,
+                color=ORANGE,
+                lw=1.2,
+                zorder=3,
+                label=plain(text),
             )
         drop = DROPS[
             "friction_coefficient_drop" if ensemble.load > 0 else "friction_drop"
@@ -333,16 +356,24 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         """Draw the standard errors as bars, in percent of the mean, with how each is known."""
         name = self.record.quantities.names[0]
         estimate = self.record.estimate(name)
-        parts = [(self._source(part), error) for part, error in estimate.errors.items()]
+        parts = [
+            (self._source(part), error) for part, error in estimate.errors.items()
+        ]
         for number, (label, error) in enumerate(parts):
             share = (
-                100 * error.size / abs(estimate.value) if estimate.value else math.nan
+                100 * error.size / abs(estimate.value)
+                if estimate.value
+                else math.nan
             )
             is_known = math.isfinite(share)
             axes.barh(number, share if is_known else 0.0, color=BLUE, height=0.4)
             text = percent(share / 100) if is_known else "not known"
             axes.text(
-                0.0, number - 0.28, f" {label}: {text}", va="bottom", parse_math=False
+                0.0,
+                number - 0.28,
+                f" {label}: {text}",
+                va="bottom",
+                parse_math=False,
             )
             how = {"fontsize": medium.font, "color": GREY, "parse_math": False}
             axes.text(0.0, number + 0.24, f" {error.how}", va="top", **how)

@@ -12,7 +12,13 @@ from pydantic import model_validator
 from chemage.ageing.fitting import BETA, DROPS, LN10, B, why_not_fitted
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.outputs import RECORDED
-from chemage.foundation.quantities import HOLD_TIME, Curve, ErrorPart, Quantity, by_name
+from chemage.foundation.quantities import (
+    HOLD_TIME,
+    Curve,
+    ErrorPart,
+    Quantity,
+    by_name,
+)
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record
 from chemage.foundation.result import draw_result, notebook_html
 from chemage.foundation.text import approximations_in_words
@@ -52,7 +58,9 @@ class Ensemble(Record):
     (:mod:`chemage.studies.ensembles.quantities`).
     """
 
-    arrays = {"hold_times": (("hold_time",), "s", "time since the contact was made")}
+    arrays = {
+        "hold_times": (("hold_time",), "s", "time since the contact was made")
+    }
     stored_names = {"hold_times": "hold_time"}
 
     hold_times: Doubles
@@ -95,7 +103,9 @@ class Ensemble(Record):
             )
         for number in range(len(self.levels)):
             rows, last = self.rows.get(str(number)), number == len(self.levels) - 1
-            count = 1 if number and last and self.controlled else self.quantities.count
+            count = (
+                1 if number and last and self.controlled else self.quantities.count
+            )
             if (
                 rows is None
                 or rows.ndim != 2
@@ -108,7 +118,9 @@ class Ensemble(Record):
         if self.controlled and len(self.rows[str(len(self.levels) - 1)]) < len(
             self.rows["0"]
         ):
-            raise ValueError("rows: the control has fewer samples than the first level")
+            raise ValueError(
+                "rows: the control has fewer samples than the first level"
+            )
         return self
 
     def declared(self, name: str) -> tuple[tuple[str, ...], str, str] | None:
@@ -206,7 +218,9 @@ class Ensemble(Record):
         self, declared: Quantity, column: int, scale: float = 1.0
     ) -> Quantity:
         scale = (
-            scale / self.load if declared.name == "friction_coefficient_drop" else scale
+            scale / self.load
+            if declared.name == "friction_coefficient_drop"
+            else scale
         )
         parts = {
             name: ErrorPart(scale * part.size, part.how)
@@ -262,7 +276,9 @@ class Ensemble(Record):
             cause = "surfaces"
             inside = float(self.within["variance"][column]) / replicas
         parts = {
-            cause: ErrorPart(math.sqrt(max(0.0, first - inside) / count + more), how)
+            cause: ErrorPart(
+                math.sqrt(max(0.0, first - inside) / count + more), how
+            )
         }
         if is_split:
             on_each = (
@@ -376,7 +392,8 @@ class Ensemble(Record):
             rows = []
             for one in (self.estimate(name) for name in self.measures):
                 errors = {
-                    f"error.{cause}": part.size for cause, part in one.errors.items()
+                    f"error.{cause}": part.size
+                    for cause, part in one.errors.items()
                 }
                 rows.append(
                     {
@@ -406,10 +423,13 @@ class Ensemble(Record):
         what = f"mean of {self.over}, 95 %{' band' if self.random else ''}"
         curves = []
         for name in (name for name in DROPS if name in self.quantities.names):
-            estimates = [self.estimate(name, float(time)) for time in self.hold_times]
+            estimates = [
+                self.estimate(name, float(time)) for time in self.hold_times
+            ]
             parts = ("value", "stderr", "half_width")
             value, stderr, half = (
-                np.array([getattr(one, part) for one in estimates]) for part in parts
+                np.array([getattr(one, part) for one in estimates])
+                for part in parts
             )
             errors = {
                 cause: np.array([one.errors[cause].size for one in estimates])
@@ -423,7 +443,9 @@ class Ensemble(Record):
                 "errors": errors,
             }
             scale = 1.0 if name == "friction_drop" else 1 / self.load
-            samples = [scale * rows[:, self.quantities.curve] for rows in self._terms]
+            samples = [
+                scale * rows[:, self.quantities.curve] for rows in self._terms
+            ]
             spread = {
                 "samples": samples,
                 "known": scale * self._known[self.quantities.curve],
@@ -460,7 +482,9 @@ class Ensemble(Record):
         """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
         measures of the contact also by the names, and in the places, that they have in :meth:`Run.summary`."""
         curves, numbers = by_name(self.curves()), by_name(self.numbers())
-        estimates: dict[str, Any] = {name: _plain(one) for name, one in numbers.items()}
+        estimates: dict[str, Any] = {
+            name: _plain(one) for name, one in numbers.items()
+        }
         for name in curves:
             at_times = {
                 float(time): self.estimate(name, float(time))
@@ -494,7 +518,11 @@ class Ensemble(Record):
             "replicas": int(self.levels[0].get("replicas", 1)),
             "load": self.load,
             "hold_times": self.hold_times.tolist(),
-            **{name: value for one in every for name, value in one.numbers().items()},
+            **{
+                name: value
+                for one in every
+                for name, value in one.numbers().items()
+            },
             "fit_range": list(self.quantities.span) if fitted else None,
             "beta_reason": why or None,
             "beta_scatter_between_surfaces": self.scatter,

@@ -194,7 +194,9 @@ class Request:
                 for part, errors in self._declared()
                 if errors[column] != 0
             }
-            if unknown := [part for part, error in parts.items() if math.isnan(error)]:
+            if unknown := [
+                part for part, error in parts.items() if math.isnan(error)
+            ]:
                 number = ", or give a number of surfaces" if self.random else ""
                 raise InputError(
                     f"{asked}: an approximate part of the scene does not say how large its error of this quantity is; "
@@ -222,7 +224,8 @@ class Request:
     def wishes(self) -> str:
         """The goals in words."""
         return ", ".join(
-            f"accuracy.{goal.name} = {100 * goal.accuracy:g} %" for goal in self.goals
+            f"accuracy.{goal.name} = {100 * goal.accuracy:g} %"
+            for goal in self.goals
         )
 
     def refusal(self, needed: int | None, seconds: float, so_far: str = "") -> str:
@@ -279,7 +282,9 @@ class Request:
                 error = max(errors.get(name, math.inf) for name in names)
             alone = math.inf
             if error**2 < left:
-                alone = max(stages.FIRST, spread**2 / (left - error**2)) * way.seconds
+                alone = (
+                    max(stages.FIRST, spread**2 / (left - error**2)) * way.seconds
+                )
             own = ways[-1].with_replicas(replicas_of_difference(ways[-1], way))
             both = own.seconds + way.with_replicas(own.replicas).seconds
             corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
@@ -413,7 +418,10 @@ def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
     if first:
         share, x = bonded[fitted], np.log10(times[fitted])
         x = x - x.mean()
-        earlier, later = np.minimum.outer(share, share), np.maximum.outer(share, share)
+        earlier, later = (
+            np.minimum.outer(share, share),
+            np.maximum.outer(share, share),
+        )
         variance = float(x @ (earlier * (1 - later)) @ x) / costs.sites
         slope = float(x @ share)
         # the quadrature of shares that are all 0 or all 1 rounds

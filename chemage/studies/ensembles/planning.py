@@ -28,7 +28,12 @@ from chemage.studies.ensembles.computations import (
     Computation,
     fitting,
 )
-from chemage.studies.ensembles.goals import Request, Scatters, is_about_zero, time_text
+from chemage.studies.ensembles.goals import (
+    Request,
+    Scatters,
+    is_about_zero,
+    time_text,
+)
 from chemage.studies.ensembles.quantities import (
     RECORDED,
     declared_outputs,
@@ -123,7 +128,9 @@ def _expected_of(
     for route in routes:
         levels = [first]
         for correction in route.levels[1:]:
-            per_surface = 1 + REPLICA_SHARE / correction.parts[0].computation.replicas
+            per_surface = (
+                1 + REPLICA_SHARE / correction.parts[0].computation.replicas
+            )
             change = DIFFERENCE * math.sqrt(
                 per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
             )
@@ -167,7 +174,9 @@ def _expected_of(
         if reason
         else counts[0] * float(np.max(state.relative() / accuracy)) ** 2
     )
-    low, high = (max(stages.FIRST, round(share * needed)) for share in shares.tolist())
+    low, high = (
+        max(stages.FIRST, round(share * needed)) for share in shares.tolist()
+    )
     half = dict(zip(columns, state.relative().tolist(), strict=True))
     return Expectation(
         samples=tuple(counts[: len(counts) - state.controlled]),
@@ -238,7 +247,9 @@ class EnsemblePlan:
         """What to know before it runs, in words."""
         # how long one run of the scene would take is another question
         notes = [
-            note for note in self.one.notes if not note.startswith("this will take ")
+            note
+            for note in self.one.notes
+            if not note.startswith("this will take ")
         ]
         asked, budget = self.request, self.request.budget
         first = stages.FIRST * self.seconds[0] / available()
@@ -272,7 +283,9 @@ class EnsemblePlan:
             "notes": self.notes,
             "ensemble": {
                 "surfaces": self.request.surfaces,
-                "accuracy": {goal.name: goal.accuracy for goal in self.request.goals},
+                "accuracy": {
+                    goal.name: goal.accuracy for goal in self.request.goals
+                },
                 "budget": self.request.budget,
                 "most": self.request.most,
                 "random": self.request.random,
@@ -287,7 +300,9 @@ class EnsemblePlan:
                 "levels": self._levels(),
                 "sketches": None if self.sketch is None else self.sketch[1],
                 "expected_samples": self.expected,
-                "expected_samples_range": None if seen is None else list(seen.range),
+                "expected_samples_range": None
+                if seen is None
+                else list(seen.range),
                 "expected_samples_reason": self.reason,
                 "expected_intervals": None if seen is None else seen.intervals,
                 "cpu_seconds": self.cpu_seconds,
@@ -333,7 +348,9 @@ class EnsemblePlan:
             sentences.append(
                 f"the contact grid of the scene on every surface: a coarser one costs {share:.2g} %, {why}"
             )
-        written = scene.hold.replicas if scene.hold is not None and scene.ages else 1
+        written = (
+            scene.hold.replicas if scene.hold is not None and scene.ages else 1
+        )
         if asked.random and first.replicas < written:
             sentences.append(
                 f"{written} replicas on each surface: with the scatter between surfaces, one on each of more "
@@ -341,10 +358,14 @@ class EnsemblePlan:
             )
         known = recorded_measures(scene)
         left = [
-            name for name in declared_outputs(scene) if f"{RECORDED}{name}" not in known
+            name
+            for name in declared_outputs(scene)
+            if f"{RECORDED}{name}" not in known
         ]
         left += [
-            observable.kind for observable in scene.observe if not observable.outputs
+            observable.kind
+            for observable in scene.observe
+            if not observable.outputs
         ]
         if left:
             sentences.append(
@@ -366,7 +387,9 @@ class EnsemblePlan:
             rows = [(name, text.replace(chosen, "")) for name, text in rows]
         over = "replicas on the one surface, which is the same at every seed"
         rows.append(("mean", f"over {'random surfaces' if asked.random else over}"))
-        wanted = [f"{goal.name} ± {100 * goal.accuracy:.3g} %" for goal in asked.goals]
+        wanted = [
+            f"{goal.name} ± {100 * goal.accuracy:.3g} %" for goal in asked.goals
+        ]
         if asked.surfaces is not None:
             wanted = [f"{asked.surfaces} {asked.counted}"]
         if asked.budget is not None:
@@ -387,7 +410,9 @@ class EnsemblePlan:
                 rows.append(("expected interval", _intervals(seen)))
             low, high = seen.cpu_range
             spread = (
-                f" ({time_text(low)} to {time_text(high)})" if high > 1.3 * low else ""
+                f" ({time_text(low)} to {time_text(high)})"
+                if high > 1.3 * low
+                else ""
             )
             cpu, wall = time_text(seen.cpu_seconds), time_text(seen.wall_seconds)
             text = f"about {cpu} of CPU time{spread}, {wall} on this machine"
@@ -403,12 +428,18 @@ class EnsemblePlan:
         rows = [("cheapest computation" if others else "computation", first)]
         rows += [("computation that may correct it", one) for one in others[-1:]]
         texts = [
-            (name, f"{one.words}, about {time_text(one.seconds_here)} of CPU time each")
+            (
+                name,
+                f"{one.words}, about {time_text(one.seconds_here)} of CPU time each",
+            )
             for name, one in rows
         ]
         if self.sketch is not None:
             sketch, count = self.sketch
-            grid, each = sketch.words.partition(",")[0], time_text(sketch.seconds_here)
+            grid, each = (
+                sketch.words.partition(",")[0],
+                time_text(sketch.seconds_here),
+            )
             text = f"the area of the contact of {count} surfaces on {grid}, {each} of CPU time each"
             texts.append(("control", text))
         if len(self.seconds) == 1:
@@ -418,7 +449,9 @@ class EnsemblePlan:
             spent = time_text(levels[1]["samples"] * levels[1]["cpu_seconds"])
             text = f"{levels[1]['samples']} of {levels[1]['words']}, {spent} CPU"
         elif self.foreseen is not None:
-            text = "none expected: the stated error of the coarse grid is small enough"
+            text = (
+                "none expected: the stated error of the coarse grid is small enough"
+            )
         else:
             text = f"where they pay: {count} first, {time_text(count * self.seconds[1])} CPU"
         return [*texts, ("corrections", text)]
@@ -454,9 +487,14 @@ def plan(scene: Scene) -> EnsemblePlan:
         expected = Scatters.of(request, costs, single.numbers)
         seen, reason = _expectation(request, routes, costs, expected, first)
         if seen is not None:
-            cpu, wall = seen.cpu_seconds * first.scale, seen.wall_seconds * first.scale
+            cpu, wall = (
+                seen.cpu_seconds * first.scale,
+                seen.wall_seconds * first.scale,
+            )
             seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(single, request, stated, levels, sketch, expected, seen, reason)
+    return EnsemblePlan(
+        single, request, stated, levels, sketch, expected, seen, reason
+    )
 
 
 def _expectation(
@@ -475,7 +513,9 @@ def _expectation(
         half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
         known = math.isfinite(half) and not zero[0]
         intervals = {quantities.names[0]: half} if known else {}
-        seen = Expectation.counted(count, first.seconds, workers, intervals=intervals)
+        seen = Expectation.counted(
+            count, first.seconds, workers, intervals=intervals
+        )
         return seen, "as asked for"
     workers, timed = fitting(first, workers), stages.FIRST
     if request.budget is not None:
@@ -483,19 +523,27 @@ def _expectation(
         timed = max(timed, int(workers * budget / first.seconds))
     why = _why(request, expected, first.replicas)
     if np.any(zero):
-        return Expectation.counted(timed, first.seconds, workers, reason="zero"), why
+        return Expectation.counted(
+            timed, first.seconds, workers, reason="zero"
+        ), why
     if np.isfinite(scatter).all():
         # of all but the area only the relative scatter counts
         mean = np.ones(quantities.count)
         mean[quantities.curve.stop :] = np.nan
-        if costs.area_fraction is not None and "area_fraction" in quantities.measures:
+        if (
+            costs.area_fraction is not None
+            and "area_fraction" in quantities.measures
+        ):
             mean[quantities.column("area_fraction")] = costs.area_fraction
         return _expected_of(request, routes, expected, mean, workers, budget), why
     if request.budget is not None and not request.goals:
         seen = Expectation.counted(timed, first.seconds, workers)
         return seen, "as many as the time allows"
     source = f": {expected.source}" if expected.source else ""
-    return None, f"the scatter between {request.counted} is not known before{source}"
+    return (
+        None,
+        f"the scatter between {request.counted} is not known before{source}",
+    )
 
 
 def _why(request: Request, expected: Scatters, replicas: int) -> str:
@@ -511,6 +559,8 @@ def _why(request: Request, expected: Scatters, replicas: int) -> str:
     when = f"until {name.partition('@')[2] or f'{quantities.hold_times[-1]:g} s'}"
     if name == "beta":
         when = "between {:g} and {:g} s".format(*quantities.window)
-    text = f"since hardly a bond is expected to form {when}, so that {name} is about 0"
+    text = (
+        f"since hardly a bond is expected to form {when}, so that {name} is about 0"
+    )
     timed = request.budget is not None and not request.goals
     return f"as many as the time allows, {text}" if timed else text

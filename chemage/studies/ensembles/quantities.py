@@ -64,9 +64,14 @@ class SurfaceSample:
             recorded = {name: one.summary() for name, one in run.measured.items()}
         else:
             assert content is not None
-            plugins, approximate = content["plugins"], content.get("approximate", ())
+            plugins, approximate = (
+                content["plugins"],
+                content.get("approximate", ()),
+            )
             recorded = content["summary"]["observables"]
-        if aging is not None:  # which has what is approximate about the contact as well
+        if (
+            aging is not None
+        ):  # which has what is approximate about the contact as well
             approximate = aging.approximate
         measures = outcome.measures | _recorded(recorded)
         numbers = {}
@@ -156,7 +161,9 @@ class Quantities:
     def doubt(self) -> str:
         """That the fit has too few hold times; "" where it has not, and without one."""
         return (
-            few_hold_times(int(self.fitted.sum()), self.span) if self.has_beta else ""
+            few_hold_times(int(self.fitted.sum()), self.span)
+            if self.has_beta
+            else ""
         )
 
     @property
@@ -193,7 +200,9 @@ class Quantities:
 
     def row(self, sample: SurfaceSample) -> np.ndarray:
         """(count,) of one sample, the mean over its replicas; nan where a measure does not exist."""
-        return self._rows(sample.friction_drop.mean(axis=0)[None], sample.measures)[0]
+        return self._rows(sample.friction_drop.mean(axis=0)[None], sample.measures)[
+            0
+        ]
 
     def replica_rows(self, sample: SurfaceSample) -> np.ndarray:
         """(replicas, count): of each replica."""
@@ -203,7 +212,8 @@ class Quantities:
         parts = [
             drop,
             np.tile(
-                [measures.get(name, math.nan) for name in self.measures], (len(drop), 1)
+                [measures.get(name, math.nan) for name in self.measures],
+                (len(drop), 1),
             ),
         ]
         if self.has_beta:
@@ -243,7 +253,9 @@ class Quantities:
             return "this scene solves the contact alone; for friction add [forming], [engine] and [hold]"
         if self.load <= 0:
             return "there is no coefficient of friction without a load; give one"
-        return f"it cannot be fitted: {why_not_fitted(self.hold_times, self.window)}"
+        return (
+            f"it cannot be fitted: {why_not_fitted(self.hold_times, self.window)}"
+        )
 
     def columns(self, errors: Mapping[str, float]) -> np.ndarray:
         """(count,) errors of β and of ΔF by name as one number for each quantity; nan where nothing is known."""
@@ -258,7 +270,8 @@ class Quantities:
         """The column of a quantity written as ``name`` or ``name@time``."""
         name, at, time = text.partition("@")
         return self.column(
-            name.strip(), convert(time.strip(), "s", f"accuracy.{text}") if at else None
+            name.strip(),
+            convert(time.strip(), "s", f"accuracy.{text}") if at else None,
         )
 
     def _moment(self, name: str, time: float | None) -> int:
@@ -316,9 +329,13 @@ class Spread:
         for part in (rows[:chosen], rows):
             count, variance = len(part), part.var(axis=0, ddof=1)
             if regressed and count > 3:
-                variance = variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
+                variance = (
+                    variance * (count - 1) / (count - 2) * (1 + 1 / (count - 3))
+                )
             parts.append(variance)
-        return cls(np.maximum(*parts), max(1, freedom - 1) if regressed else freedom)
+        return cls(
+            np.maximum(*parts), max(1, freedom - 1) if regressed else freedom
+        )
 
 
 def regressed(values: list[np.ndarray]) -> list[np.ndarray]:
@@ -367,7 +384,10 @@ def half_width(
         (quantities,) standard errors from other causes, known before; they are taken as normal.
     """
     parts = np.array(
-        [spread.variance / count for spread, count in zip(spreads, counts, strict=True)]
+        [
+            spread.variance / count
+            for spread, count in zip(spreads, counts, strict=True)
+        ]
     )
     total = parts.sum(axis=0) + known**2
     freedoms = np.array([[spread.freedom] for spread in spreads])

@@ -109,7 +109,9 @@ def ensemble(
     InputError
         What is asked for contradicts itself, or cannot be reached.
     """
-    map, file = (measured, None) if isinstance(measured, TradeMap) else (None, measured)
+    map, file = (
+        (measured, None) if isinstance(measured, TradeMap) else (None, measured)
+    )
     asked = with_request(
         load_scene(scene).completed(),
         surfaces=surfaces,
@@ -167,7 +169,10 @@ class Sampler(Design):
         self._where = {"executor": executor, **where}
         if points is not None and self.request.budget is not None:
             raise InputError.of(
-                "points", points, "a wall time cannot be shared", "ask for an accuracy"
+                "points",
+                points,
+                "a wall time cannot be shared",
+                "ask for an accuracy",
             )
         self._progress: Report = _silent
         self._rule: Iterator[stages.Need] | None = None
@@ -266,7 +271,11 @@ class Sampler(Design):
             self._state = stages.SamplingState(routes[0], [counted], nothing)
             return
         self._state = yield from stages.steps(
-            routes, asked.accuracy(), most=asked.most, clock=clock, watch=self._watch
+            routes,
+            asked.accuracy(),
+            most=asked.most,
+            clock=clock,
+            watch=self._watch,
         )
 
     def _ending(self, state: stages.SamplingState) -> str:
@@ -278,7 +287,9 @@ class Sampler(Design):
             return "the accuracy was reached"
         if asked.budget is None:
             half = state.half_width()
-            equal = [goal.name for goal in asked.goals if math.isnan(half[goal.column])]
+            equal = [
+                goal.name for goal in asked.goals if math.isnan(half[goal.column])
+            ]
             return f"{', '.join(equal)}: all samples are equal, so that nothing is known of their scatter"
         if max(state.counts) >= asked.most:
             return f"the {asked.counted} are as many as are allowed"
@@ -305,11 +316,15 @@ class Sampler(Design):
         def before(mean: np.ndarray) -> np.ndarray:
             return np.hypot(base, self._coarsening(coarse, mean))
 
-        if len(ways) == 1 or (coarse.errors is not None and not coarse.errors.any()):
+        if len(ways) == 1 or (
+            coarse.errors is not None and not coarse.errors.any()
+        ):
             return [stages.Route("own grid", (single,), always, control)]
         replicas = replicas_of_difference(fine, coarse)
         pair = [
-            self._samples(way.with_replicas(replicas), 1, CORRECTING * (way is fine))
+            self._samples(
+                way.with_replicas(replicas), 1, CORRECTING * (way is fine)
+            )
             for way in (fine, coarse)
         ]
         levels = single, SurfaceLevel(CORRECTING, row, *pair)
@@ -356,7 +371,8 @@ class Sampler(Design):
         quantities = self._quantities
         measures = mean[quantities.curve.stop :].tolist()
         errors = self.scene.surface.coarser_errors(
-            computation.factor, dict(zip(quantities.measures, measures, strict=True))
+            computation.factor,
+            dict(zip(quantities.measures, measures, strict=True)),
         )
         return quantities.columns(errors)
 
@@ -378,7 +394,9 @@ class Sampler(Design):
         now = time.monotonic()
         if now - self._shown[0] > PERIOD:
             self._shown = (now, self._interval())
-        if done < total:  # more may be needed: the end is reported when it is certain
+        if (
+            done < total
+        ):  # more may be needed: the end is reported when it is certain
             self._progress(stage, done, total, self._shown[1])
 
     def _interval(self) -> str:
@@ -412,9 +430,7 @@ class Sampler(Design):
         counts = [str(len(level.sample(0, MOST))) for level in levels]
         kept = ""
         if self._folder is not None:
-            kept = (
-                f", kept in {self._folder}; the same command takes them up and goes on"
-            )
+            kept = f", kept in {self._folder}; the same command takes them up and goes on"
         return f"so far {self._interval() or 'too few for an interval,'} from {' and '.join(counts) or 0} samples{kept}"
 
     def _explained(self, error: stages.Unreachable) -> str:
@@ -471,19 +487,22 @@ class Sampler(Design):
             provenance=self._provenance(state),
         )
 
-    def _known(self, state: stages.SamplingState) -> dict[str, tuple[np.ndarray, str]]:
+    def _known(
+        self, state: stages.SamplingState
+    ) -> dict[str, tuple[np.ndarray, str]]:
         """The errors that no sampling makes smaller: relative standard errors, and how they are known."""
         known = {}
         approximation = self.request.approximation()
         if not np.all(approximation == 0):
-            known["approximation"] = approximation, "declared by the approximate parts"
+            known["approximation"] = (
+                approximation,
+                "declared by the approximate parts",
+            )
         known |= self._members
         if state.route.name == "not corrected":
             part = state.sampled[0].level.parts[0].computation
             name = "discretisation" if part.grid_only else "settings"
-            how = (
-                f"measured before on other surfaces, pixels {part.factor} times larger"
-            )
+            how = f"measured before on other surfaces, pixels {part.factor} times larger"
             if part.errors is not None:
                 how = f"measured for the map: {part.settings}"
             known[name] = self._coarsening(part, state.mean), how
@@ -528,5 +547,7 @@ class Sampler(Design):
             "variance_of": sampled.chosen,
             "freedom": sampled.freedom,
             "random": self.request.random,
-            "seeds": [list(parts[0].seeds(k)) for k in range(min(sampled.count, 10))],
+            "seeds": [
+                list(parts[0].seeds(k)) for k in range(min(sampled.count, 10))
+            ],
         }

@@ -137,7 +137,10 @@ class SamplingState:
         """Of each of the terms: the variance that the interval is made of."""
         return [
             Spread.of(
-                term, sampled.chosen, sampled.freedom, self.controlled and not number
+                term,
+                sampled.chosen,
+                sampled.freedom,
+                self.controlled and not number,
             )
             for number, (term, sampled) in enumerate(
                 zip(self.terms, self.sampled, strict=True)
@@ -237,7 +240,9 @@ class Clock:
 
     def wall(self, level: Level) -> float:
         """Wall seconds of one more sample: in proportion to its cost, as measured of those so far."""
-        return max(level.cost * (self.now() - self.begin) / max(self.cost, 1e-12), 1e-9)
+        return max(
+            level.cost * (self.now() - self.begin) / max(self.cost, 1e-12), 1e-9
+        )
 
     def affordable(self, state: SamplingState, counts: list[int]) -> list[int]:
         """``counts``, or as many samples as the time that is left allows, divided so that the interval is narrowest."""
@@ -249,7 +254,9 @@ class Clock:
             return counts
         widest = np.argmax(
             np.where(
-                state.asked & ~np.isnan(relative := state.relative()), relative, -np.inf
+                state.asked & ~np.isnan(relative := state.relative()),
+                relative,
+                -np.inf,
             )
         )
         variances = [float(spread.variance[widest]) for spread in state.spreads]
@@ -258,7 +265,9 @@ class Clock:
         ):  # equal samples say nothing of what other samples would be
             variances[0] = 1.0
         best = optimal(variances, walls, state.counts, budget=left)
-        return [min(int(count), most) for count, most in zip(best, counts, strict=True)]
+        return [
+            min(int(count), most) for count, most in zip(best, counts, strict=True)
+        ]
 
 
 def run_stages(
@@ -330,7 +339,9 @@ def steps(
         aimed = clock.affordable(state, counts)
         if watch is not None:
             watch(state, aimed)
-        if all(count <= done for count, done in zip(aimed, state.counts, strict=True)):
+        if all(
+            count <= done for count, done in zip(aimed, state.counts, strict=True)
+        ):
             return state
         # with a budget in parts, because times vary
         part = 0.7 if math.isfinite(clock.seconds) else 1.0
@@ -339,7 +350,8 @@ def steps(
             for count, done in zip(aimed, state.counts, strict=True)
         ]
         yield from state.upto(
-            [done + step for done, step in zip(state.counts, steps, strict=True)], clock
+            [done + step for done, step in zip(state.counts, steps, strict=True)],
+            clock,
         )
 
 
@@ -368,11 +380,15 @@ class RouteSearch:
         mean, half = state.mean, state.half_width()
         asked = np.isfinite(self.accuracy)
         timed = math.isfinite(self.clock.seconds)
-        if not timed and np.any(asked & ((mean == 0) | (np.abs(mean) <= 0.2 * half))):
+        if not timed and np.any(
+            asked & ((mean == 0) | (np.abs(mean) <= 0.2 * half))
+        ):
             raise Unreachable(state, None, "zero")
         if np.any(asked & (self.accuracy > 0) & np.isnan(state.known)):
             raise Unreachable(state, None, "unknown")
-        if not np.any(asked & (self.accuracy > 0)):  # as accurate as the time allows
+        if not np.any(
+            asked & (self.accuracy > 0)
+        ):  # as accurate as the time allows
             return [self.most] * len(state.sampled)
         counts = allocated(
             [Spread(spread.variance, CERTAIN) for spread in state.spreads]
@@ -381,7 +397,9 @@ class RouteSearch:
             state.costs,
             state.counts,
             state.known,
-            np.where(asked, np.where(asked, self.accuracy, 0.0) * np.abs(mean), np.inf),
+            np.where(
+                asked, np.where(asked, self.accuracy, 0.0) * np.abs(mean), np.inf
+            ),
         )
         if counts is None and not timed:
             raise Unreachable(state, None, "known")
@@ -400,20 +418,27 @@ class RouteSearch:
     ) -> Generator[Need, None, tuple[SamplingState, list[int]]]:
         """The same with the control of the route, where that seems to be cheaper; and the counts."""
         control = state.route.control
-        first = min(PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0]))
+        first = min(
+            PAIRS, math.ceil(LOOK * self.clock.affordable(state, counts)[0])
+        )
         if control is None or counts[0] < CONTROLLED or first < FIRST:
             return state, counts
         tried = SamplingState(
-            state.route, [*state.sampled, Sampled(control, looks=LOOKS)], state.asked
+            state.route,
+            [*state.sampled, Sampled(control, looks=LOOKS)],
+            state.asked,
         )
         yield from tried.upto(
-            [max(first, state.sampled[0].count), *state.counts[1:], first], self.clock
+            [max(first, state.sampled[0].count), *state.counts[1:], first],
+            self.clock,
         )
         try:
             plain = self.needed(state, expected=True)
             regressed = self.needed(tried, expected=True)
             pays = self.price(tried, regressed) < self.price(state, plain)
-            return (tried, self.needed(tried)) if pays else (state, self.needed(state))
+            return (
+                (tried, self.needed(tried)) if pays else (state, self.needed(state))
+            )
         except Unreachable:
             return state, counts
 
@@ -460,7 +485,9 @@ class RouteSearch:
             return float(
                 np.max(np.where(np.isnan(relative), np.inf, relative)[state.asked])
             )
-        spent = sum(sampled.level.cost * sampled.count for sampled in state.sampled[1:])
+        spent = sum(
+            sampled.level.cost * sampled.count for sampled in state.sampled[1:]
+        )
         return state.cost(counts, state.costs) + spent
 
     def _may_pay(self, route: Route, state: SamplingState, least: float) -> bool:
@@ -479,6 +506,7 @@ class RouteSearch:
         except Unreachable:
             return False
         return (
-            FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:]) + first
+            FIRST_DIFFERENCES * sum(level.cost for level in route.levels[1:])
+            + first
             < least
         )

@@ -103,13 +103,19 @@ class SweepDisplay(Result):
 
     def numbers(self) -> dict[str, Any]:
         return jsonable(
-            {**self.state, "units": self.sweep.units, "results": self.data.records()}
+            {
+                **self.state,
+                "units": self.sweep.units,
+                "results": self.data.records(),
+            }
         )
 
     def notes(self) -> list[str]:
         """Of the table, and where β could not be fitted."""
         reasons: dict[str, list[str]] = {}
-        for point, reason in enumerate(self.data.table.marks.get("beta_reason", ())):
+        for point, reason in enumerate(
+            self.data.table.marks.get("beta_reason", ())
+        ):
             if reason and len(self.sweep) <= MOST_ROWS:
                 reasons.setdefault(reason, []).append(str(point))
         words = [
@@ -123,19 +129,25 @@ class SweepDisplay(Result):
             return []
         headings, lines = self.data.rows()
         more = len(lines) - MOST_ROWS
-        listed = (
-            f"{more} more rows; {self.sweep.folder / 'results.csv'} lists every point"
-        )
+        listed = f"{more} more rows; {self.sweep.folder / 'results.csv'} lists every point"
         remarks = (listed,) if more > 0 else ()
         return [
             Table(
-                "", headings, lines, "Results", remarks, in_detail=False, most=MOST_ROWS
+                "",
+                headings,
+                lines,
+                "Results",
+                remarks,
+                in_detail=False,
+                most=MOST_ROWS,
             )
         ]
 
     def columns(self) -> dict[str, Any]:
         """One line for each point: what was swept, and its numbers in internal units; curves at the last hold time."""
-        lines = [{**record.pop("swept"), **record} for record in self.data.records()]
+        lines = [
+            {**record.pop("swept"), **record} for record in self.data.records()
+        ]
         return (
             {name: [line.get(name) for line in lines] for name in lines[0]}
             if lines
@@ -252,7 +264,9 @@ def _title(
 ) -> str:
     """What the figure shows beside its axes: fixed values, the meaning of the band, points that are missing."""
     parts = [data.text(dim, place) for dim, place in view.fixed.items()]
-    with_errors = bands and any(np.isfinite(quantity.low).any() for quantity in found)
+    with_errors = bands and any(
+        np.isfinite(quantity.low).any() for quantity in found
+    )
     if view.averaged:
         count = math.prod(data.dimensions[dim].size for dim in view.averaged)
         band = ", band: its 95 % interval" if with_errors else ""
@@ -272,7 +286,9 @@ def _title(
     return f"{data.name}: {'; '.join(parts)}" if parts else data.name
 
 
-def _label(data: SweepData, name: str, quantity: ViewedQuantity | None = None) -> str:
+def _label(
+    data: SweepData, name: str, quantity: ViewedQuantity | None = None
+) -> str:
     """The label of an axis of the sweep, or of a quantity."""
     label = plain(quantity.meaning if quantity else name.replace("_", " "))
     if name in DECLARED:
@@ -299,7 +315,11 @@ def _scale(values: np.ndarray) -> str:
 
 
 def _draw_lines(
-    axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity
+    axes: Axes,
+    medium: Medium,
+    data: SweepData,
+    view: View,
+    quantity: ViewedQuantity,
 ) -> None:
     places, is_number = data.values(view.x), data.is_number(view.x)
     x = np.asarray(places if is_number else range(len(places)), dtype=np.float64)
@@ -313,7 +333,12 @@ def _draw_lines(
             for values in (quantity.mean, quantity.low, quantity.high)
         )
         label = plain(data.value_text(view.lines, number)) if view.lines else None
-        style: dict[str, Any] = {"marker": marker, "ms": 3.5, "lw": 1.3, "zorder": 3}
+        style: dict[str, Any] = {
+            "marker": marker,
+            "ms": 3.5,
+            "lw": 1.3,
+            "zorder": 3,
+        }
         axes.plot(x[order], mean, color=colour, label=label, **style)
         band = np.isfinite(low) & np.isfinite(high)
         axes.fill_between(
@@ -332,7 +357,9 @@ def _draw_lines(
         axes.set_yscale("log")
     elif np.nanmin(quantity.mean, initial=0.0) >= 0:
         from_zero(axes)
-    axes.set(xlabel=_label(data, view.x), ylabel=_label(data, quantity.name, quantity))
+    axes.set(
+        xlabel=_label(data, view.x), ylabel=_label(data, quantity.name, quantity)
+    )
     axes.grid(alpha=0.25, lw=0.6)
 
 
@@ -351,7 +378,11 @@ def _colours(data: SweepData, view: View, number: int) -> list[Any]:
 
 
 def _draw_heat(
-    axes: Axes, medium: Medium, data: SweepData, view: View, quantity: ViewedQuantity
+    axes: Axes,
+    medium: Medium,
+    data: SweepData,
+    view: View,
+    quantity: ViewedQuantity,
 ) -> None:
     from matplotlib.colors import LogNorm
 

@@ -38,14 +38,24 @@ from chemage.foundation.errors import (
 from chemage.foundation.records import content_hash, text_hash
 from chemage.plugins import registry
 from chemage.plugins.sources import implementing, stage_hooks
-from chemage.scene.files import override, parse_scene, required_sections, section_names
+from chemage.scene.files import (
+    override,
+    parse_scene,
+    required_sections,
+    section_names,
+)
 from chemage.scene.materials import filled_sections
 from chemage.scene.plan import cost
 from chemage.scene.provenance import versions
 from chemage.scene.scene import Scene
 from chemage.studies.folder import FORMAT, Folder
 from chemage.studies.study import Selection, in_ranges
-from chemage.studies.tasks import Task, ageing_seconds, by_contact, registered_classes
+from chemage.studies.tasks import (
+    Task,
+    ageing_seconds,
+    by_contact,
+    registered_classes,
+)
 
 
 @dataclass(frozen=True)
@@ -144,7 +154,10 @@ class Grid:
             else ()
         )
         for path in section_names():
-            if changes.get(path) is False and path not in (*kept, *required_sections()):
+            if changes.get(path) is False and path not in (
+                *kept,
+                *required_sections(),
+            ):
                 changes[path] = None
         return override(self.base, changes)
 
@@ -158,7 +171,9 @@ class Grid:
         for axis in self.axes:
             kinds = any(path.endswith("kind") for path in axis.paths)
             sections = any(
-                isinstance(value, dict | bool) for row in axis.values for value in row
+                isinstance(value, dict | bool)
+                for row in axis.values
+                for value in row
             )
             varied.append(range(len(axis)) if kinds or sections else (0,))
         points = [
@@ -195,7 +210,9 @@ def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
         for path, values in _lines(sweep, "sweep", problems)
     ]
     zips = sweep.get("zip", [])
-    if not isinstance(zips, list) or not all(isinstance(one, Mapping) for one in zips):
+    if not isinstance(zips, list) or not all(
+        isinstance(one, Mapping) for one in zips
+    ):
         problems.append(
             (
                 "sweep.zip",
@@ -208,7 +225,9 @@ def _axes(sweep: Any, problems: list[tuple[str, str]]) -> list[Axis]:
         lines = _lines(group, where, problems)
         lengths = {path: len(values) for path, values in lines}
         if len(set(lengths.values())) > 1:
-            each = ", ".join(f"{path} has {length}" for path, length in lengths.items())
+            each = ", ".join(
+                f"{path} has {length}" for path, length in lengths.items()
+            )
             problems.append(
                 (where, f"lines that vary together must have equal length: {each}")
             )
@@ -259,9 +278,7 @@ def _wrong(path: str, values: Any) -> str:
     if rest and ("" in rest.split(".") or root in ("name", "title", "material")):
         return "no such field"
     if path == "contact.load" and len({_of_load(load) for load in values}) > 1:
-        return (
-            "give all loads as forces, or all as nominal pressures, or all over contact"
-        )
+        return "give all loads as forces, or all as nominal pressures, or all over contact"
     return ""
 
 
@@ -319,7 +336,9 @@ class Survey:
             except PluginError:
                 raise
             except ChemageError as error:
-                for problem in getattr(error, "problems", None) or [("", str(error))]:
+                for problem in getattr(error, "problems", None) or [
+                    ("", str(error))
+                ]:
                     first, count = wrong.get(problem, (point, 0))
                     wrong[problem] = first, count + 1
                 continue
@@ -353,7 +372,9 @@ class Survey:
                 point = int(np.ravel_multi_index(places, self.grid.shape))
                 scene = self.grid.scene(point)
                 written = zip(axis.paths, axis.values[place], strict=True)
-                values = [self._resolved(path, value, scene) for path, value in written]
+                values = [
+                    self._resolved(path, value, scene) for path, value in written
+                ]
                 self.resolved[-1].append(values)
 
     def add(self, point: int, scene: Scene) -> None:
@@ -397,9 +418,13 @@ class Survey:
         self.bytes += 5000
         needed = [self.memory, costs.contact_bytes]
         if scene.hold is not None:
-            self.bytes += scene.hold.hold_times.size * (90 + 11 * scene.hold.replicas)
+            self.bytes += scene.hold.hold_times.size * (
+                90 + 11 * scene.hold.replicas
+            )
             needed.append(costs.replica_bytes)
-        self.memory = float(np.max(np.array(needed, dtype=np.float64)))  # None is nan
+        self.memory = float(
+            np.max(np.array(needed, dtype=np.float64))
+        )  # None is nan
 
     def _resolved(self, path: str, written: Any, scene: Scene) -> Any:
         if (
@@ -492,7 +517,9 @@ def mean_key(scene: Scene) -> str:
             "point for an accuracy, or for a number of surfaces"
         )
     options = None if wish is None else wish.model_dump(mode="json")
-    return content_hash([scene.task_keys()["result"], options, dict(scene.accuracy)])
+    return content_hash(
+        [scene.task_keys()["result"], options, dict(scene.accuracy)]
+    )
 
 
 def _located(
@@ -548,7 +575,9 @@ def points_of(
     ):
         return agreed_points(selection, folder, survey.digest, count)
     return [
-        point for point, of in enumerate(partition(survey, share[1])) if of == share[0]
+        point
+        for point, of in enumerate(partition(survey, share[1]))
+        if of == share[0]
     ]
 
 
@@ -564,14 +593,20 @@ def agreed_points(
     """
     if selection.share is not None:
         of = read_partition(folder, selection.share[1], digest, count) or ()
-        return [point for point, share in enumerate(of) if share == selection.share[0]]
+        return [
+            point for point, share in enumerate(of) if share == selection.share[0]
+        ]
     last = max(last for _, last in selection.ranges)
     if last >= count:
         raise InputError(
             f"there is no point {last}: the sweep has points 0 to {count - 1}"
         )
     return sorted(
-        {point for first, last in selection.ranges for point in range(first, last + 1)}
+        {
+            point
+            for first, last in selection.ranges
+            for point in range(first, last + 1)
+        }
     )
 
 
@@ -657,7 +692,9 @@ def shares_cost(survey: Survey, count: int) -> list[ShareCost]:
     for task, share in zip(survey.tasks, partition(survey, count), strict=True):
         shares[share - 1].append(task)
     return [
-        ShareCost(len(tasks), len({task.contact for task in tasks}), cpu_seconds(tasks))
+        ShareCost(
+            len(tasks), len({task.contact for task in tasks}), cpu_seconds(tasks)
+        )
         for tasks in shares
     ]
 
@@ -687,7 +724,10 @@ def agree(folder: Folder, survey: Survey, count: int) -> None:
     """
     path = folder.path / PLACE / f"of-{count}.json"
     for over in (False, True):
-        if read_partition(folder, count, survey.digest, len(survey.tasks)) is not None:
+        if (
+            read_partition(folder, count, survey.digest, len(survey.tasks))
+            is not None
+        ):
             return
         path.parent.mkdir(parents=True, exist_ok=True)
         content = {"digest": survey.digest, "shares": partition(survey, count)}

@@ -49,7 +49,9 @@ class Point:
     @property
     def values(self) -> dict[str, Any]:
         """The validated changes of this point: dotted path -> value, numbers in internal units."""
-        return {path: column[self.index] for path, column in self.result.swept.items()}
+        return {
+            path: column[self.index] for path, column in self.result.swept.items()
+        }
 
     @property
     def key(self) -> str:
@@ -123,7 +125,9 @@ class Point:
             It is not in the folder, or it is damaged.
         """
         self._of(means=False)
-        contact = self.result.store.read_contact(self.result.contact_key(self.index))
+        contact = self.result.store.read_contact(
+            self.result.contact_key(self.index)
+        )
         if contact is None:
             raise StoreError(
                 f"the contact of point {self.index} is not in {self.result.folder}"
@@ -139,7 +143,9 @@ class Point:
                 if means
                 else "is a mean over surfaces; use ensemble()"
             )
-            raise StoreError(f"point {self.index} of {self.result.folder} {is_other}")
+            raise StoreError(
+                f"point {self.index} of {self.result.folder} {is_other}"
+            )
         return self._content
 
     def run(self) -> Run:
@@ -179,7 +185,9 @@ def count(states: Sequence[str]) -> dict[str, int]:
 
 def in_words(counts: Mapping[str, int]) -> str:
     """How many points are not done, by state, such as ``2 failed, 1 damaged``; empty where all are done."""
-    return ", ".join(f"{counts[state]} {state}" for state in NOT_DONE if counts[state])
+    return ", ".join(
+        f"{counts[state]} {state}" for state in NOT_DONE if counts[state]
+    )
 
 
 class SweepResult:
@@ -232,7 +240,9 @@ class SweepResult:
 
     def _at_points(self, axis: int, values: Sequence[T]) -> list[T]:
         """The values along an axis, at every point."""
-        return [values[self.grid.positions(point)[axis]] for point in range(len(self))]
+        return [
+            values[self.grid.positions(point)[axis]] for point in range(len(self))
+        ]
 
     @property
     def units(self) -> dict[str, str]:
@@ -401,12 +411,18 @@ class SweepResult:
     def failures(self, points: Iterable[int]) -> list[dict[str, Any]]:
         """Why points failed: one JSON-able object each."""
         return [
-            {"point": point, "changes": self[point].changes, "error": self[point].error}
+            {
+                "point": point,
+                "changes": self[point].changes,
+                "error": self[point].error,
+            }
             for point in points
         ]
 
     def __repr__(self) -> str:
-        return f"<SweepResult {self.folder}: {len(self)} points, {self.grid.product}>"
+        return (
+            f"<SweepResult {self.folder}: {len(self)} points, {self.grid.product}>"
+        )
 
 
 def load_sweep(folder: str | Path) -> SweepResult:

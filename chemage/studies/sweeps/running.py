@@ -93,7 +93,9 @@ class Outdated:
         self._reasons: dict[str, str] = {}
         asked = there.get("asked", {})
         new = {
-            name for name, source in survey.hooks.items() if asked.get(name) != source
+            name
+            for name, source in survey.hooks.items()
+            if asked.get(name) != source
         }
         self._new_in_contact = [
             name for name in implementing(*_CONTACT_HOOKS) if name in new
@@ -111,7 +113,9 @@ class Outdated:
     def describe(self) -> str:
         """One sentence for users."""
         what = f"{len(self._points)} points and {len(self._contacts)} contacts are computed again"
-        return f"{what}, because plugins changed: {'; '.join(self._reasons.values())}"
+        return (
+            f"{what}, because plugins changed: {'; '.join(self._reasons.values())}"
+        )
 
     def remove(self) -> None:
         """Remove the files."""
@@ -147,7 +151,9 @@ class Outdated:
             self._points |= set(done)
             return
         for key in done:
-            if key in touched or self._ageing_would_change(keys[key].scene, solution):
+            if key in touched or self._ageing_would_change(
+                keys[key].scene, solution
+            ):
                 self._points.add(key)
 
     def _changed(self, recorded: Plugins) -> bool:
@@ -182,7 +188,9 @@ class Outdated:
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:
         # one replica goes through all stages after the contact
-        aging = aging_of(scene, solution, replicas=1) if self._new_in_ageing else None
+        aging = (
+            aging_of(scene, solution, replicas=1) if self._new_in_ageing else None
+        )
         if aging is None:
             return False
         provide = providers(*scene.components())
@@ -197,7 +205,8 @@ class Outdated:
     def _joined(self, names: list[str]) -> bool:
         for name in names:
             self._reasons.setdefault(
-                name, f"{name} ({self._survey.hooks[name]}) answers or changes them now"
+                name,
+                f"{name} ({self._survey.hooks[name]}) answers or changes them now",
             )
         return bool(names)
 
@@ -217,7 +226,9 @@ class Points(Design):
         Numbers of the points to compute.
     """
 
-    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int]) -> None:
+    def __init__(
+        self, folder: Folder, survey: Survey, chosen: Sequence[int]
+    ) -> None:
         self._folder, self._survey = folder, survey
         #: where the results of tasks are kept
         self.place = Place(str(folder.path), survey.digest)
@@ -282,11 +293,14 @@ class Points(Design):
         """Name the damaged files, which are computed again."""
         if self._damaged:
             names = [
-                str(path.relative_to(self._folder.path)) for path in self._damaged[:5]
+                str(path.relative_to(self._folder.path))
+                for path in self._damaged[:5]
             ]
             more = ", ..." if len(self._damaged) > 5 else ""
             message = f"{len(self._damaged)} files are damaged and are computed again: {', '.join(names)}{more}"
-            warnings.warn(f"{self._folder.path}: {message}", SweepWarning, stacklevel=3)
+            warnings.warn(
+                f"{self._folder.path}: {message}", SweepWarning, stacklevel=3
+            )
 
 
 def expected_seconds(survey: Survey) -> float | None:
@@ -295,13 +309,17 @@ def expected_seconds(survey: Survey) -> float | None:
     some = means[:: math.ceil(len(means) / PLANNED)]
     seconds = [plan(task.scene).cpu_seconds for task in some]
     finite = [estimate for estimate in seconds if estimate is not None]
-    return sum(finite) * len(means) / len(some) if len(finite) == len(some) else None
+    return (
+        sum(finite) * len(means) / len(some) if len(finite) == len(some) else None
+    )
 
 
 class Means(Points):
     """The means of points that are left."""
 
-    def __init__(self, folder: Folder, survey: Survey, chosen: Sequence[int]) -> None:
+    def __init__(
+        self, folder: Folder, survey: Survey, chosen: Sequence[int]
+    ) -> None:
         super().__init__(folder, survey, chosen)
         self.place = Place(str(folder.path / SAMPLES), contacts=False)
         self.samples = 0
@@ -406,7 +424,9 @@ Report = Callable[[SweepProgress], None]
 @contextmanager
 def show_progress() -> Iterator[Report]:
     """Show the progress of a sweep on stderr, as :func:`chemage.foundation.progress.progress_bars` does."""
-    units = dict.fromkeys(("validating", "points"), "points") | {"contacts": "contacts"}
+    units = dict.fromkeys(("validating", "points"), "points") | {
+        "contacts": "contacts"
+    }
     with progress_bars(units) as bar:
 
         def draw(state: SweepProgress) -> None:
@@ -596,7 +616,9 @@ def _check_same(folder: Folder, survey: Survey, there: Mapping[str, Any]) -> Non
     if there["digest"] == survey.digest:
         return
     old, new = Grid.fromdict(there["grid"]), survey.grid
-    different = sum(a != b for a, b in zip(there["keys"], survey.keys, strict=False))
+    different = sum(
+        a != b for a, b in zip(there["keys"], survey.keys, strict=False)
+    )
     difference = f"{different} of its {new.size} points differ"
     if [axis.paths for axis in old.axes] != [axis.paths for axis in new.axes]:
         difference = f"over {', '.join(axis.name for axis in old.axes)}"
@@ -733,7 +755,9 @@ def sweep(
         design = _begin(stack, study, folder, survey, selection, force)
         # of means, shares compute the samples
         share = selection.share if survey.means and selection is not None else None
-        study.carry_out(design, design.place, share, _watched(report, begin, design))
+        study.carry_out(
+            design, design.place, share, _watched(report, begin, design)
+        )
         return _finished(folder, whole=selection is None)
 
 
@@ -780,7 +804,9 @@ def _begin(
         if there is None or there.get("asked", {}) != survey.hooks:
             # which plugins were asked about all that is complete
             folder.write_manifest(
-                survey.manifest() if there is None else {**there, "asked": survey.hooks}
+                survey.manifest()
+                if there is None
+                else {**there, "asked": survey.hooks}
             )
     design = _design(folder, survey, selection)
     design.warn_of_damage()

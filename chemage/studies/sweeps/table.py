@@ -49,7 +49,8 @@ CURVES = {
 }
 #: what is written on axes and in headings: name -> quantity or curve
 DECLARED: dict[str, Declared] = {
-    one.name: one for one in (HOLD_TIME, *MEASURES.values(), *DROPS.values(), *_EVERY)
+    one.name: one
+    for one in (HOLD_TIME, *MEASURES.values(), *DROPS.values(), *_EVERY)
 }
 #: those of SCALARS that only repeat a field of the scene; where that is swept, it has their place in the dataset
 GIVEN = {
@@ -145,7 +146,9 @@ def dimensions(
     A dimension has the name of its field; of several that vary together, that of the first whose values all differ and
     that is no seed, if there is one.
     """
-    names = short_names([path for axis in axes for path in axis.paths], taken, units)
+    names = short_names(
+        [path for axis in axes for path in axis.paths], taken, units
+    )
     dims = []
     for axis in axes:
 
@@ -299,10 +302,14 @@ class SweepTable:
             return values
         if not values.size:
             return np.full(self.points, np.nan)
-        curve = self.results.get(name.removesuffix("_half_width"), self.results[name])
+        curve = self.results.get(
+            name.removesuffix("_half_width"), self.results[name]
+        )
         known = np.isfinite(curve.values)
         last = values.shape[1] - 1 - np.argmax(known[:, ::-1], axis=1)
-        return np.where(known.any(axis=1), values[np.arange(self.points), last], np.nan)
+        return np.where(
+            known.any(axis=1), values[np.arange(self.points), last], np.nan
+        )
 
     def numbers(self, last: str) -> dict[str, np.ndarray]:
         """(points,) every result; ``last`` stands before the name of one at the last hold time."""
@@ -313,11 +320,16 @@ class SweepTable:
 
     def write_csv(self, path: Path) -> None:
         """Write CSV with one line per point: swept fields, scalars, last values of the curves, with units."""
-        columns: dict[str, Any] = {"point": range(self.points), "status": self.status}
+        columns: dict[str, Any] = {
+            "point": range(self.points),
+            "status": self.status,
+        }
         for name, values in self.swept.items():
             unit = self.units.get(name)
             columns[f"{name} ({unit})" if unit else name] = values
-        numbers = zip(self.numbers("last ").items(), self.results.values(), strict=True)
+        numbers = zip(
+            self.numbers("last ").items(), self.results.values(), strict=True
+        )
         for (name, values), column in numbers:
             columns[headed(name, column.unit)] = values
         columns |= {name: self.marks[name] for name in sorted(self.marks)}
@@ -345,7 +357,9 @@ class SweepTable:
             }
             file.dimensions = grid | sizes
             for name, (dims, values, notes) in self.variables().items():
-                kind = h5py.string_dtype() if values.dtype == object else values.dtype
+                kind = (
+                    h5py.string_dtype() if values.dtype == object else values.dtype
+                )
                 data = values if values.size else None
                 variable = file.create_variable(name, dims, kind, data=data)
                 variable.attrs.update(notes)
@@ -464,7 +478,9 @@ def _widened(values: np.ndarray, shape: Sequence[int], fill: float) -> np.ndarra
     return np.pad(values, [(0, 0), *more], constant_values=fill)
 
 
-def _put(values: np.ndarray, row: int, numbers: np.ndarray, fill: float) -> np.ndarray:
+def _put(
+    values: np.ndarray, row: int, numbers: np.ndarray, fill: float
+) -> np.ndarray:
     """``values`` (points, ...), made larger as far as it is needed, with ``numbers`` in a row."""
     # methods of ageing may estimate the bonds, which are then no whole numbers
     values = _widened(values, numbers.shape, fill).astype(

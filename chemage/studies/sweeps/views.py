@@ -122,7 +122,9 @@ class SweepData:
             return short[0]
         names = [*self.dimensions, HOLD_TIME]
         problem = f"is no axis of this sweep{nearest(name, names)}"
-        raise InputError.of(option, name, problem, f"the axes are {', '.join(names)}")
+        raise InputError.of(
+            option, name, problem, f"the axes are {', '.join(names)}"
+        )
 
     def label(self, name: str, option: str) -> str:
         """The name of the coordinate that ``name`` stands for."""
@@ -172,7 +174,10 @@ class SweepData:
         return [*filter(self._is_known, _USUAL)] or list(_WITHOUT_AGEING)
 
     def view(
-        self, x: str | None, lines: str | None, where: Mapping[str, str] | None = None
+        self,
+        x: str | None,
+        lines: str | None,
+        where: Mapping[str, str] | None = None,
     ) -> View:
         """Choose the axes that were not given.
 
@@ -230,9 +235,13 @@ class SweepData:
             (inside, _number(value, unit)),
         ):
             for place, one in enumerate(values):
-                if not isinstance(one, str) and math.isclose(wanted, one, rel_tol=1e-6):
+                if not isinstance(one, str) and math.isclose(
+                    wanted, one, rel_tol=1e-6
+                ):
                     return place
-        problem = f"is not swept; the values are {', '.join(texts)} {self.unit(label)}"
+        problem = (
+            f"is not swept; the values are {', '.join(texts)} {self.unit(label)}"
+        )
         raise InputError.of(f"--where {name}", value, problem.rstrip())
 
     def quantity(self, name: str, view: View) -> ViewedQuantity:
@@ -279,10 +288,14 @@ class SweepData:
         left = [axis for axis in axes if axis not in fixed]
 
         def arranged(variable: str) -> np.ndarray:
-            values = results[variable].values if along else self.table.at_last(variable)
+            values = (
+                results[variable].values if along else self.table.at_last(variable)
+            )
             values = values.reshape(*self.table.shape, *values.shape[1:])
             values = values[tuple(fixed.get(axis, slice(None)) for axis in axes)]
-            return values.transpose([left.index(axis) for axis in (*averaged, *order)])
+            return values.transpose(
+                [left.index(axis) for axis in (*averaged, *order)]
+            )
 
         mean = arranged(name)
         if averaged:
@@ -308,7 +321,12 @@ class SweepData:
             zip(table.status, table.error, strict=True)
         ):
             swept = {path: values[row] for path, values in table.swept.items()}
-            record = {"point": row, "status": status, "error": error, "swept": swept}
+            record = {
+                "point": row,
+                "status": status,
+                "error": error,
+                "swept": swept,
+            }
             records.append(
                 record | {name: values[row] for name, values in numbers.items()}
             )
@@ -332,17 +350,25 @@ class SweepData:
         lines = []
         for place in zip(*np.nonzero(done), strict=True):
             texts = [
-                self.value_text(name, place[number]) for name, number in along.items()
+                self.value_text(name, place[number])
+                for name, number in along.items()
             ]
             if uneven:
                 texts.append(str(done[place]))
             for mean, low, high in results:
-                value, half = float(mean[place]), 0.5 * float(high[place] - low[place])
-                texts.append(plus_minus(value, half) if math.isfinite(value) else NONE)
+                value, half = (
+                    float(mean[place]),
+                    0.5 * float(high[place] - low[place]),
+                )
+                texts.append(
+                    plus_minus(value, half) if math.isfinite(value) else NONE
+                )
             lines.append(tuple(texts))
         headings = [headed(name, self.unit(name)) for name in along]
         headings += ["seeds"] * uneven
-        headings += [DECLARED[name].symbol or DECLARED[name].label for name in columns]
+        headings += [
+            DECLARED[name].symbol or DECLARED[name].label for name in columns
+        ]
         return tuple(headings), lines
 
     def notes(self) -> list[str]:
@@ -368,7 +394,8 @@ class SweepData:
             sentences.append(self.doubt)
         if approximate := self.table.marks.get("approximate"):
             sentences.append(
-                "approximate: " + "; ".join(dict.fromkeys(filter(None, approximate)))
+                "approximate: "
+                + "; ".join(dict.fromkeys(filter(None, approximate)))
             )
         return sentences
 
@@ -385,7 +412,9 @@ def swept_rows(axes: Sequence[Axis]) -> list[tuple[str, str]]:
     """What a sweep varies: the name of each axis, and its values."""
     rows = []
     for axis in axes:
-        values = ["; ".join(shown(value) for value in values) for values in axis.values]
+        values = [
+            "; ".join(shown(value) for value in values) for values in axis.values
+        ]
         few = values if len(values) <= 8 else [*values[:6], "...", values[-1]]
         rows.append((axis.name, f"{len(axis)}: {', '.join(few)}"))
     return rows
