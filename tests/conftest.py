@@ -127,18 +127,33 @@ def pytest_runtestloop(session):
         compiled.share(int(worker.removeprefix("gw")), workers)
 
 
-@pytest.fixture(autouse=True, scope="module")
-def quick_figures(request):
+@pytest.fixture(autouse=True, scope="session")
+def quick_figures():
     """Where no test looks at figures, they are drawn coarsely and their parts are not arranged: both take long."""
-    marks = getattr(request.module, "pytestmark", [])
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    from chemage.plugin import figures
+
+    usual = ConstrainedLayoutEngine.execute, figures.panels.__kwdefaults__["dpi"]
     with pytest.MonkeyPatch.context() as patch:
-        if not any(mark.name == "drawn" for mark in (marks if isinstance(marks, list) else [marks])):
-            from matplotlib.layout_engine import ConstrainedLayoutEngine
+        patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
+        patch.setitem(figures.panels.__kwdefaults__, "dpi", 40)
+        yield usual
 
-            from chemage.plugin import figures
 
-            patch.setattr(ConstrainedLayoutEngine, "execute", lambda self, figure: None)
-            patch.setitem(figures.panels.__kwdefaults__, "dpi", 40)
+@pytest.fixture(autouse=True)
+def usual_figures(request, quick_figures):
+    """As users see them, for a test or a module that is marked as ``drawn``."""
+    if not request.node.get_closest_marker("drawn"):
+        yield
+        return
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    from chemage.plugin import figures
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConstrainedLayoutEngine, "execute", quick_figures[0])
+        patch.setitem(figures.panels.__kwdefaults__, "dpi", quick_figures[1])
         yield
 
 

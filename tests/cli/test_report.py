@@ -6,8 +6,6 @@ import subprocess
 
 import pytest
 
-pytestmark = pytest.mark.drawn
-
 TITLE = "Rough & <b>ready</b> contact"
 TABLE = (
     "hold_time (s), friction_coefficient_drop, error\n1,0.2,0.05\n10,0.8,0.05\n100,1.5,0.05\n1e3,2.2,0.1\n1e4,2.7,0.1\n"

@@ -12,15 +12,15 @@ from internals import figures_of
 import chemage
 from chemage import load_scene, parse_scene
 
-pytestmark = pytest.mark.drawn
+LOOKED_AT = (pytest.mark.long, pytest.mark.drawn)
 #: drawing takes most of the time: without it every case is quick, with it long
-DRAWN = pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=pytest.mark.long)])
+DRAWN = pytest.mark.parametrize("drawn", [False, pytest.param(True, marks=LOOKED_AT)])
 
 
 def cases(*given):
     """Pairs of a value and whether its figures are drawn, each also without; those with figures are long."""
     plain = [(value, False) for value, _ in given]
-    return plain + [pytest.param(value, True, marks=pytest.mark.long) for value, drawn in given if drawn]
+    return plain + [pytest.param(value, True, marks=LOOKED_AT) for value, drawn in given if drawn]
 
 
 def carried_out(small, *, drawn, **changes):
@@ -112,6 +112,7 @@ def test_a_load_beyond_full_contact_says_so(small, command, load, drawn):
 # -- grids -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.drawn
 def test_a_single_pixel(small):
     heights(small, np.zeros((1, 1)), load="1 nN")
     result = carried_out(small, drawn=True)
@@ -138,6 +139,7 @@ def test_grids_that_are_not_square_or_even(small, pixels, drawn):
     assert total == pytest.approx(5, rel=1e-5)
 
 
+@pytest.mark.drawn
 @pytest.mark.long
 def test_a_strip_is_stretched_until_it_can_be_seen(small):
     changes = {"surface.pixels": [1200, 20], "surface.zeta": 24, "contact.load": "0.3 uN"}

@@ -16,8 +16,6 @@ from chemage.plugin import StoreError, looks, statistics
 from chemage.plugin import figures as plots
 from chemage.plugin import text as wording
 
-pytestmark = pytest.mark.drawn
-
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory, small_text):
@@ -171,6 +169,7 @@ def test_saving_checks_every_name_before_the_first_is_written(result, tmp_path):
 
 
 @pytest.mark.long
+@pytest.mark.drawn
 def test_each_figure_is_drawn_once(result, tmp_path, monkeypatch):
     """``savefig`` draws a figure twice, and what it writes is the same."""
     made, again, drawn = every_figure(result), every_figure(result), []
@@ -207,6 +206,7 @@ def test_nothing_global_changes(result, tmp_path):
     assert dict(mpl.rcParams) == before
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize(
     ("pixel_size", "top"),
     [(1e-3, 0.01), *(pytest.param(*one, marks=pytest.mark.long) for one in ((0.45, 14.4), (2.824, 5.978))), (1e6, 1e3)],

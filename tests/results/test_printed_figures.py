@@ -42,7 +42,7 @@ WIDTHS = ("1", *(pytest.param(width, marks=pytest.mark.long) for width in ("2", 
 
 
 @pytest.fixture(scope="module")
-def results(quick_figures):
+def results():
     return every_result()
 
 

@@ -11,8 +11,6 @@ from seen import result_of
 import chemage
 from chemage import InputError
 
-pytestmark = pytest.mark.drawn
-
 
 @pytest.fixture
 def swept(tiny, tmp_path):
@@ -58,6 +56,7 @@ def test_the_usual_figures_are_lines_with_bands(swept):
     assert "temperature = 310 K" in made[along].get_suptitle()
 
 
+@pytest.mark.drawn
 @pytest.mark.long
 def test_the_legend_is_beside_the_data(swept):
     figure = sweep_figures(swept(TWO), y=["beta"])["beta-against-load-by-temperature"]
