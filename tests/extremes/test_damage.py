@@ -142,7 +142,7 @@ for kind, (put, get) in WAYS.items():
 
 
 # some 1.3 % of the changes hit bytes between the blocks of a file, where they are of no consequence
-@pytest.mark.parametrize(("count", "share"), [(60, 0.9), pytest.param(250, 0.97, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("count", "share"), [(30, 0.9), pytest.param(250, 0.97, marks=pytest.mark.long)])
 def test_no_damage_is_believed(tmp_path, count, share):
     count *= int(os.environ.get("CHEMAGE_FUZZ", "1"))
     done = subprocess.run(
@@ -193,7 +193,7 @@ def swept(tmp_path_factory):
     return folder, damages.points_of(folder)
 
 
-@pytest.mark.parametrize("count", [8, pytest.param(60, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("count", [4, pytest.param(60, marks=pytest.mark.campaign)])
 def test_a_damaged_sweep_is_counted_and_made_again_or_refused(swept, tmp_path, count):
     whole, expected = swept
     rng = np.random.default_rng(4)

@@ -18,7 +18,7 @@ import pytest
 HOSTILE = Path(__file__).parents[1] / "stubs" / "hostile.py"
 CASES = int(os.environ.get("CHEMAGE_FUZZ", "700"))
 #: of these, in the quick run
-QUICK, MORE = min(25, CASES), min(240, CASES)
+QUICK, MORE = min(12, CASES), min(120, CASES)
 #: where one process ends and the next begins, so that a crash costs few cases
 BATCH = 3000
 
@@ -49,7 +49,7 @@ OBJECTS = Path(__file__).parents[1] / "benchmarks" / "hostile_objects.py"
 
 @pytest.mark.parametrize(
     ("first", "last"),
-    [(0, 40), pytest.param(40, 240, marks=pytest.mark.long), pytest.param(240, 700, marks=pytest.mark.campaign)],
+    [(0, 20), pytest.param(20, 120, marks=pytest.mark.long), pytest.param(120, 700, marks=pytest.mark.campaign)],
 )
 def test_every_public_function_answers_or_refuses_every_object(first, last, tmp_path):
     command = [sys.executable, str(OBJECTS), str(first), str(last)]

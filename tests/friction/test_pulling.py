@@ -42,8 +42,15 @@ def all_bonded(lattice) -> np.ndarray:
 # -- closed forms -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shape", ["cusp", "cubic", "constant"])
-@pytest.mark.parametrize("speed", [1e-3, 1e3, 1e9])
+@pytest.mark.parametrize(
+    ("shape", "speed"),
+    [("cusp", 1e-3), ("cubic", 1e3), ("constant", 1e9)]
+    + [
+        pytest.param(shape, speed, marks=pytest.mark.long)
+        for shape, speeds in {"cusp": (1e3, 1e9), "cubic": (1e-3, 1e9), "constant": (1e-3, 1e3)}.items()
+        for speed in speeds
+    ],
+)
 def test_a_slow_pull_after_a_hold_tends_to_the_sum_of_mean_rupture_forces(shape, speed):
     """One bond at a time: the largest force is its rupture force, whose mean and distribution are those of the law."""
     drive = drive_of(speed, shape=shape)

@@ -276,7 +276,11 @@ def test_two_plugins_with_one_figure(tiny):
     assert {"cap", "second-cap"} <= set(made)
 
 
-@pytest.mark.parametrize("answer", ["3", "{'a': 'caption only'}", "1 / 0", "{'a': ('x', 'y', 'z')}"])
+@pytest.mark.parametrize(
+    "answer",
+    ["1 / 0"]
+    + [pytest.param(each, marks=pytest.mark.long) for each in ("3", "{'a': 'caption only'}", "{'a': ('x', 'y', 'z')}")],
+)
 def test_a_wrong_answer_is_reported(tiny, answer):
     plugin(f"@chemage.plugin.hookimpl\ndef chemage_figures():\n    return {answer}\n")
     run = loaded(tiny, 10.0)

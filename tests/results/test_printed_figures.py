@@ -328,6 +328,7 @@ def test_forecasts_and_measurements_have_the_colour_of_their_condition(results, 
         assert lines[0].get_ydata() == pytest.approx(one.band(0.90)[0] if one.bounds_only else one.median)
 
 
+@pytest.mark.long
 def test_scatter_between_surfaces_is_drawn_where_it_is_larger_than_the_error_of_the_replicas(monkeypatch):
     run = made_run(made_aging())
     error = run.fit().relative_stderr

@@ -63,9 +63,8 @@ def sweep(tiny, folder, forming="by-hand", **options):
     return chemage.sweep(scene | {"sweep": {"contact.load": [5.0, 10.0]}}, folder, **options)
 
 
-@pytest.mark.parametrize(
-    "forming", ["by-hand", pytest.param({"kind": "outer", "inner": "by-hand"}, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("forming", ["by-hand", {"kind": "outer", "inner": "by-hand"}])
 def test_worker_processes_import_what_is_in_a_module(tiny, hand, tmp_path, forming):
     chemage.register(hand.Hand)
     chemage.register(hand.Outer)
