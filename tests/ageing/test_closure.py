@@ -329,7 +329,10 @@ def test_every_chemistry_temperature_and_accuracy_has_a_table_of_its_own(own_tab
     "damage",
     [
         lambda b: b[:200] + b"xx" + b[202:],
-        *(pytest.param(one, marks=pytest.mark.long) for one in (lambda b: b[:-100], lambda b: b"", lambda b: b"no")),
+        *(
+            pytest.param(one, marks=pytest.mark.campaign)
+            for one in (lambda b: b[:-100], lambda b: b"", lambda b: b"no")
+        ),
     ],
 )
 def test_a_damaged_table_is_computed_again_and_that_is_said(own_tables, monkeypatch, damage):

@@ -207,7 +207,7 @@ def slow(scene, seconds=0.05):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
+@pytest.mark.parametrize("executor", ["serial", "processes", pytest.param("dask", marks=pytest.mark.campaign)])
 def test_ctrl_c_keeps_what_is_finished(scene, tiny, executor, command):
     tiny.hold(4, 5)  # two points at least, and then there is time to interrupt
     words = chemage_command("run", scene, "--executor", executor)

@@ -246,7 +246,7 @@ def test_a_million_sites_with_one_a_hundred_billion_billion_times_faster(kind):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", FAST)
+@pytest.mark.parametrize("kind", ["rejection-free", pytest.param("bkl", marks=pytest.mark.campaign), "next-reaction"])
 def test_a_million_slow_sites_beside_one_that_flips_with_the_acceleration(kind):
     """1e12 flips a second beside a million sites of 1e-8: only the acceleration gets anywhere, and it is exact."""
     n = 1_000_000

@@ -353,7 +353,7 @@ KILLS = (-1, 0, 1, 6, 13)
     ("executor", "workers", "kills"),
     [
         pytest.param("serial", None, (13,), marks=pytest.mark.long),
-        pytest.param("processes", 2, (0, 6), marks=pytest.mark.long),
+        pytest.param("processes", 2, (0, 6), marks=pytest.mark.campaign),
         pytest.param("serial", None, KILLS, marks=pytest.mark.campaign),
         pytest.param("processes", 2, KILLS, marks=pytest.mark.campaign),
     ],
@@ -423,7 +423,7 @@ DEATHS = """
 
 # for Dask, tests/studies/sweeps/test_executors.py shows what the death of a worker costs
 @pytest.mark.long
-@pytest.mark.parametrize("executor", ["processes", "dask"])
+@pytest.mark.parametrize("executor", ["processes", pytest.param("dask", marks=pytest.mark.campaign)])
 def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path, executor):
     scene = swept(tiny, DEATHS, hold={"times": [1.0, 10.0], "replicas": 1}, fit={"start": 1.0, "stop": 10.0})
     result = chemage.sweep(scene, tmp_path / "out", executor=executor, workers=2)
@@ -441,7 +441,7 @@ def test_a_killed_worker_costs_its_point_a_retry_and_nothing_else(tiny, tmp_path
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("executor", ["processes", "dask"])
+@pytest.mark.parametrize("executor", ["processes", pytest.param("dask", marks=pytest.mark.campaign)])
 def test_a_contact_that_kills_its_workers_fails_its_points(tiny, tmp_path, executor):
     text = """
     [sweep]
@@ -502,7 +502,7 @@ kind = "barrier-spectrum"
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("cluster", [False, True])
+@pytest.mark.parametrize("cluster", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_every_executor_gives_the_same_bits(tmp_path, cluster):
     """Rough contact, interacting sites, both exact engines: in process, in two processes, on a cluster that runs."""
     scene = {"name": "real", **tomllib.loads(REAL)}
