@@ -343,7 +343,7 @@ SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2)
         # on nine sites, as on a large lattice: predicting, with a list of fast sites
         *(
             pytest.param(
-                kind, (319, 369), 9, marks=pytest.mark.campaign if kind == "next-reaction" else pytest.mark.long
+                kind, (319, 369), 9, marks=pytest.mark.long if kind == "rejection-free" else pytest.mark.campaign
             )
             for kind in PLAIN
             if kind != "auto"
