@@ -539,10 +539,11 @@ class Runner:
             if self._watch is not None:
                 self._watch(self)
         except BaseException:
+            # first: a pool that ends gives its tasks an error, which one that was cancelled does not take
+            self._pool.abort()
             for future in self._running:
                 future.cancel()
             self._running.clear()
-            self._pool.abort()
             raise
 
     def remaining(self) -> float | None:

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from textwrap import dedent
 
@@ -19,7 +19,7 @@ from distributed.scheduler import KilledWorker
 import chemage
 from chemage import InputError
 from chemage.plugin import ExecutorError, StoreError, threads
-from chemage.studies.runner import Processes, Serial, open_pool, seconds
+from chemage.studies.runner import Pool, Processes, Serial, open_pool, seconds
 
 # -- executors: whatever they run on, the same answers; a worker that dies costs its own task a second try ------------
 
@@ -137,6 +137,23 @@ def test_a_task_whose_process_dies_says_how_and_others_run_in_new_ones(work, pro
     with pytest.raises(BrokenProcessPool, match=r"EXIT\(3\)"):
         processes.submit(work.leave, 3).result(300)
     assert processes.submit(work.double, 5).result(300) == 10
+
+
+def test_an_interruption_leaves_the_tasks_to_the_pool_that_ends(tiny, tmp_path, monkeypatch):
+    """It gives them an error, and cannot where they are cancelled: then its thread would end in a traceback."""
+    calls = []
+    cancel, abort = Future.cancel, Pool.abort
+
+    def stop(progress):
+        if progress.stage != "validating":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Future, "cancel", lambda self: (calls.append("cancelled"), cancel(self))[1])
+    monkeypatch.setattr(Pool, "abort", lambda self: (calls.append("ended"), abort(self))[1])
+    scene = tiny.scene() | {"sweep": {"hold.temperature": [300, 310]}}
+    with pytest.raises(KeyboardInterrupt):
+        chemage.sweep(scene, tmp_path / "out", executor="processes", workers=2, progress=stop)
+    assert calls[0] == "ended"
 
 
 def test_abort_ends_what_runs(work):
