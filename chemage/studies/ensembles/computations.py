@@ -158,6 +158,13 @@ def sketched(cheapest: Computation) -> Computation | None:
     return sketch if sketch.seconds <= CONTROL_PAYS * cheapest.seconds else None
 
 
+def miniature(cheapest: Computation) -> Computation | None:
+    """The same on the pixels of a sketch; None where the surface has no sketch."""
+    maker, scene = cheapest.scene.surface.sketch(), cheapest.scene
+    small = None if maker is None else scene.on(maker)
+    return None if small is None else estimated(small, cheapest.factor)
+
+
 def estimated(scene: Scene, factor: int) -> Computation:
     """The computation of ``scene``, whose pixels are ``factor`` times larger, with estimated costs."""
     costs = estimate.cost(scene, here=False)
@@ -488,6 +495,31 @@ class SurfaceLevel:
     def cost(self) -> float:
         """CPU seconds of a sample."""
         return sum(part.computation.seconds for part in self.parts)
+
+    @property
+    def cost_here(self) -> float:
+        """The same on this machine."""
+        return sum(part.computation.seconds_here for part in self.parts)
+
+    @property
+    def words(self) -> str:
+        """What is computed, in words."""
+        return " minus ".join(part.computation.words for part in self.parts)
+
+    def on(self, computation: Computation) -> SurfaceLevel:
+        """The same level of another computation."""
+        series = SampleSeries(computation, level=self.parts[0].level, varied=True)
+        return SurfaceLevel(self.name, self._row, series)
+
+    def warm_up(self) -> None:
+        """Compile what the samples need."""
+        for part in self.parts:
+            part.computation.scene.warm_up()
+
+    def take(self, number: int) -> None:
+        """Compute a sample in this thread."""
+        for part in self.parts:
+            part.receive(number, part.computation.compute(*part.seeds(number)))
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """(end − begin, quantities): those of the samples that are there."""
