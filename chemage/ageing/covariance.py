@@ -23,8 +23,9 @@ import numpy as np
 EXCHANGES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 #: part of the mean at the last hold time below which means are not distinguished
 SMALLEST = 1e-6
-#: values of v and of s over which is averaged, as many per cent of probability apart
-VARIANCES, SCALES = 64, 8
+#: values of v and of s in each of PANELS panels of probability over which is averaged, each panel half as wide as the one
+#: of smaller values: the largest decide how improbable a large deviation is
+VARIANCES, SCALES, PANELS = 6, 2, 12
 #: probability below which a value of c is left out
 UNLIKELY = 1e-3
 #: part of the degrees of freedom of s that counts, as its shape is not exactly that of sites that interact or break
@@ -65,8 +66,17 @@ class CurveError:
         mean = np.maximum(mean, SMALLEST * last)
         along = mean / last
         deviations = [values - values.mean(axis=0) for values in samples]
+        # whole numbers of bonds may be equal by chance: Sheppard's correction, Proc. London Math. Soc. 29, 353 (1898)
+        values = np.unique(np.concatenate([one.ravel() for one in samples]))
+        steps = np.diff(values)
+        step = steps[steps > SMALLEST * last].min(initial=last)
         variance, freedom = _sum(
-            [float(away[:, -1] @ away[:, -1]) for away in deviations], samples, 1
+            [
+                float(away[:, -1] @ away[:, -1]) + (len(away) - 1) * step**2 / 12
+                for away in deviations
+            ],
+            samples,
+            1,
         )
         bridge = (
             np.minimum.outer(mean, mean)
@@ -133,11 +143,11 @@ class CurveError:
         from scipy import stats
 
         along = places @ self.along
-        variances = self.variance * _drawn(self.freedom, VARIANCES)
+        variances, shares = _drawn(self.freedom, VARIANCES)
         likely = self.weights > UNLIKELY
         rests = (places @ self.rests[likely] @ places.T)[:, None]
-        scales = _drawn(self.rest_freedom, SCALES)[:, None, None]
-        factors = np.linalg.cholesky(noise + scales * rests)
+        scales, parts = _drawn(self.rest_freedom, SCALES)
+        factors = np.linalg.cholesky(noise + scales[:, None, None] * rests)
         both = np.linalg.solve(factors, np.stack([residual, along], axis=1))
         scaled, direction = both[..., 0], both[..., 1]
         error = 1 / (direction**2).sum(axis=-1)
@@ -145,10 +155,10 @@ class CurveError:
         left = (scaled**2).sum(axis=-1) - part**2 / error
         weights = self.weights[likely] / self.weights[likely].sum()
         above = stats.chi2.sf(
-            (part**2)[..., None] / (variances + error[..., None]), 1
+            (part**2)[..., None] / (self.variance * variances + error[..., None]), 1
         )
-        first = weights @ above.mean(axis=(1, 2))
-        second = weights @ stats.chi2.sf(left, residual.size - 1).mean(axis=1)
+        first = weights @ (above @ shares @ parts)
+        second = weights @ (stats.chi2.sf(left, residual.size - 1) @ parts)
         return float(
             stats.chi2.sf(
                 -2 * (np.log(max(first, 1e-300)) + np.log(max(second, 1e-300))), 4
@@ -195,8 +205,11 @@ def _sum(
     ) if below > 0 else float(freedoms.sum())
 
 
-def _drawn(freedom: float, count: int) -> np.ndarray:
-    """``count`` equally probable factors of a variance that is known with ``freedom`` degrees of freedom."""
+def _drawn(freedom: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of a variance that is known with ``freedom`` degrees of freedom, and their probabilities."""
     from scipy import special
 
-    return freedom / special.chdtri(freedom, 1 - (np.arange(count) + 0.5) / count)
+    edges = np.concatenate([[0.0], 2.0 ** np.arange(1.0 - PANELS, 1.0)])
+    widths = np.repeat(np.diff(edges) / count, count)
+    middles = np.cumsum(widths) - 0.5 * widths
+    return freedom / special.chdtri(freedom, 1 - middles), widths

@@ -398,8 +398,7 @@ class Scene(Section):
     @property
     def is_random(self) -> bool:
         """Whether another seed gives another surface, as far as its maker says."""
-        scatter = self.surface.scatter({})
-        return scatter is None or scatter.relative != 0
+        return bool(self.surface.between())
 
     @property
     def ages(self) -> bool:

@@ -24,7 +24,6 @@ from chemage.plugin import (
     HeightMap,
     Length,
     Reader,
-    Scatter,
     Seed,
     SurfaceMaker,
     Unit,
@@ -219,9 +218,8 @@ class ImageMaker(SurfaceMaker):
         }
         return {**numbers, "periodic": float(surface.periodic)}
 
-    def scatter(self, contact: Mapping[str, float]) -> Scatter:
-        """None: the seed is ignored."""
-        return Scatter(0.0)
+    def between(self) -> str:
+        return ""
 
 
 @lru_cache(maxsize=2)

@@ -28,7 +28,6 @@ from chemage.plugin import (
     FileStamp,
     Length,
     Output,
-    Scatter,
     Seed,
     StoreError,
     SurfaceMaker,
@@ -160,9 +159,8 @@ class Atoms(SurfaceMaker):
             "sites": len(surface.observables[SITE_POSITIONS]),
         }
 
-    def scatter(self, contact: Mapping[str, float]) -> Scatter:
-        """None: the seed is ignored."""
-        return Scatter(0.0)
+    def between(self) -> str:
+        return ""
 
     def read(self) -> ase.Atoms:
         """The atoms, as ASE has them."""

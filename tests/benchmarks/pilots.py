@@ -1,6 +1,7 @@
 """How often do the 80 % ranges of ``chemage check`` of a mean hold what it takes?
 
     python tests/benchmarks/pilots.py [SEEDS] [NAME ...]      # three seeds of each of twenty scenes: a quarter of an hour
+    MOST=3 python tests/benchmarks/pilots.py ...              # pilots of three samples, as of dear scenes
 
 Nothing was tuned on these scenes. Printed are the number of surfaces (or replicas) and the CPU seconds of each, as
 foreseen with their ranges, and as used; at last how many of the ranges hold. A mean that is refused counts as one of
@@ -9,12 +10,14 @@ more surfaces than are allowed.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 import warnings
 from typing import Any
 
 import chemage as ca
+from chemage.studies.ensembles import planning
 from chemage.studies.ensembles.goals import with_request
 from chemage.studies.ensembles.planning import plan
 
@@ -86,7 +89,9 @@ def measure(name: str, seed: int) -> tuple[str, bool, bool]:
 
 
 def main(seeds: int, names: list[str]) -> None:
+    """Print the scenes, and how many ranges hold."""
     warnings.simplefilter("ignore")
+    planning.MOST = int(os.environ.get("MOST", planning.MOST))
     held = []
     for name in names:
         # kernels are compiled before

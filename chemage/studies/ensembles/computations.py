@@ -15,6 +15,7 @@ from itertools import islice
 import numpy as np
 
 from chemage.ageing.aging import BARRIERS
+from chemage.contacts.solution import ContactSolution
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.scene import plan as estimate
@@ -382,8 +383,7 @@ def measurement_error(
     members = list(scene.surface.members(SURFACES))
     if len(members) < 2:
         return np.zeros(quantities.count), ""
-    scatter, rows = scene.surface.scatter({}), []
-    others = scatter is not None and scatter.between == CONTINUATIONS
+    others, rows = scene.surface.between() == CONTINUATIONS, []
     for number, maker in enumerate(members):
         seeds = samples.seeds(number if others else 0)
         member = samples.computation.seeded(*seeds).model_copy(
@@ -490,6 +490,7 @@ class SurfaceLevel:
     ) -> None:
         self.name, self.parts, self._row = name, parts, row
         self._rows: list[np.ndarray] = []
+        self._contact: ContactSolution | None = None
 
     @property
     def cost(self) -> float:
@@ -517,9 +518,15 @@ class SurfaceLevel:
             part.computation.scene.warm_up()
 
     def take(self, number: int) -> None:
-        """Compute a sample in this thread."""
+        """Compute a sample in this thread; replicas on one surface share its contact."""
         for part in self.parts:
-            part.receive(number, part.computation.compute(*part.seeds(number)))
+            scene = part.computation.seeded(*part.seeds(number))
+            contact = None if part.varied else self._contact
+            found = run(
+                scene, threads=1, warn=False, members=False, contact=contact
+            )
+            self._contact = found.contact
+            part.receive(number, SurfaceSample.of(Outcome(found)))
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """(end − begin, quantities): those of the samples that are there."""

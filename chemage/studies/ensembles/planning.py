@@ -225,6 +225,9 @@ class _Forecast:
     ) -> None:
         """``before``: CPU seconds of what is computed before the samples."""
         self.request, self.routes, self.pilot = request, routes, pilot
+        times = pilot.levels[routes[0].levels[0].name].seconds
+        if len(times) > 1 and not request.random:  # their one contact
+            before += max(0.0, times[0] - float(np.mean(times[1:])))
         self.workers, self.before = workers, before
         self.columns = sorted(request.asked)
         self.rows = pilot.levels[routes[0].levels[0].name].rows
@@ -753,5 +756,8 @@ def _foreseen(
         return forecast.counted(request.surfaces, doubts), "as asked for"
     if doubts and forecast.says_nothing:
         return None, doubts[0]
+    if not forecast.mean[forecast.columns].all():
+        zero = forecast.counted(asked_for or stages.FIRST, doubts)
+        return replace(zero, reason="zero"), pilot.source
     seen = replace(forecast.expectation(), doubts=doubts)
     return seen, pilot.source
