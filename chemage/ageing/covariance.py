@@ -41,9 +41,9 @@ class CurveError:
 
     #: (m,) φ
     along: np.ndarray
-    #: v, and its degrees of freedom
-    variance: float
-    freedom: float
+    #: (terms,) the parts of v, of which each term of the mean has one, and their degrees of freedom
+    variances: np.ndarray
+    freedoms: np.ndarray
     #: (k,) probabilities of the values of c, and (k, m, m) the covariances beside v φφᵀ
     weights: np.ndarray
     rests: np.ndarray
@@ -67,17 +67,13 @@ class CurveError:
         along = mean / last
         deviations = [values - values.mean(axis=0) for values in samples]
         # whole numbers of bonds may be equal by chance: Sheppard's correction, Proc. London Math. Soc. 29, 353 (1898)
-        values = np.unique(np.concatenate([one.ravel() for one in samples]))
-        steps = np.diff(values)
-        step = steps[steps > SMALLEST * last].min(initial=last)
-        variance, freedom = _sum(
-            [
-                float(away[:, -1] @ away[:, -1]) + (len(away) - 1) * step**2 / 12
-                for away in deviations
-            ],
-            samples,
-            1,
-        )
+        squares = [
+            float(away[:, -1] @ away[:, -1])
+            + (len(away) - 1) * _step(away, SMALLEST * last) ** 2 / 12
+            for away in deviations
+        ]
+        counts = np.array([len(values) for values in samples])
+        variances = np.array(squares) / (counts - 1) / counts
         bridge = (
             np.minimum.outer(mean, mean)
             - np.outer(mean, along)
@@ -111,12 +107,17 @@ class CurveError:
         weights /= weights.sum()
         return cls(
             along,
-            variance,
-            freedom,
+            variances,
+            counts - 1,
             weights,
             np.stack(rests),
             TRUSTED * float(weights @ freedoms),
         )
+
+    @property
+    def variance(self) -> float:
+        """v"""
+        return float(self.variances.sum())
 
     def matrix(self) -> np.ndarray:
         """(m, m) the covariance of the mean."""
@@ -143,7 +144,13 @@ class CurveError:
         from scipy import stats
 
         along = places @ self.along
-        variances, shares = _drawn(self.freedom, VARIANCES)
+        variances, shares = np.zeros(1), np.ones(1)
+        for variance, freedom in zip(self.variances, self.freedoms, strict=True):
+            factors, parts = _drawn(freedom, VARIANCES)
+            variances = np.add.outer(variances, variance * factors).ravel()
+            variances, shares = _gathered(
+                variances, np.outer(shares, parts).ravel(), parts
+            )
         likely = self.weights > UNLIKELY
         rests = (places @ self.rests[likely] @ places.T)[:, None]
         scales, parts = _drawn(self.rest_freedom, SCALES)
@@ -155,7 +162,7 @@ class CurveError:
         left = (scaled**2).sum(axis=-1) - part**2 / error
         weights = self.weights[likely] / self.weights[likely].sum()
         above = stats.chi2.sf(
-            (part**2)[..., None] / (self.variance * variances + error[..., None]), 1
+            (part**2)[..., None] / (variances + error[..., None]), 1
         )
         first = weights @ (above @ shares @ parts)
         second = weights @ (stats.chi2.sf(left, residual.size - 1) @ parts)
@@ -190,6 +197,13 @@ def agreement(
     return error, error.chance(residual, noise, places)
 
 
+def _step(values: np.ndarray, least: float) -> float:
+    """The smallest difference above ``least`` between values; 0 without any."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > least]
+    return float(steps.min()) if steps.size else 0.0
+
+
 def _sum(
     squares: Sequence[float], samples: Sequence[np.ndarray], columns: int
 ) -> tuple[float, float]:
@@ -213,3 +227,16 @@ def _drawn(freedom: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     widths = np.repeat(np.diff(edges) / count, count)
     middles = np.cumsum(widths) - 0.5 * widths
     return freedom / special.chdtri(freedom, 1 - middles), widths
+
+
+def _gathered(
+    values: np.ndarray, shares: np.ndarray, widths: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Probable values in groups of about the probabilities ``widths``, the largest first."""
+    order = np.argsort(-values)
+    values, shares = values[order], shares[order]
+    middles = np.cumsum(shares) - 0.5 * shares
+    group = np.minimum(np.searchsorted(np.cumsum(widths), middles), widths.size - 1)
+    total = np.bincount(group, shares, widths.size)
+    mean = np.bincount(group, shares * values, widths.size)
+    return mean[total > 0] / total[total > 0], total[total > 0]

@@ -11,23 +11,23 @@ sample; the curves of surfaces are scaled by 15 %. False models: values times 1.
 from __future__ import annotations
 
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import chemage as ca
 from chemage.ageing.fitting import DROPS
-from chemage.foundation.quantities import Curve
 from chemage.foundation.result import Ageing
-from chemage.results.verdicts import AGREE, DIFFER, verdict
+from chemage.results.verdicts import AGREE, DIFFER, between, verdict
 
 TIMES = np.geomspace(0.1, 1e4, 11)
 MEASURED = np.geomspace(0.1, 1e4, 8)
 POOL = 2000
 ERRORS = (0.005, 0.02, 0.05)
 REPLICAS = (2, 3, 5, 10, 30, 100)
-#: of a second run
-OTHERS = (2, 10, 100)
+#: of two runs
+PAIRS = ((2, 2), (2, 10), (5, 5), (10, 30), (100, 2), (100, 100))
 NAMES = ("alone", "interacting", "breaking", "sample", "surfaces")
 
 
@@ -60,9 +60,10 @@ def pool(name: str, replicas: int = POOL, temperature: float = 300.0) -> np.ndar
     return curves
 
 
-def run_of(curves: np.ndarray) -> tuple[Ageing, dict[str, Curve]]:
+def run_of(curves: np.ndarray, name: str = "run") -> SimpleNamespace:
     """A run with these replicas."""
-    return Ageing(load=50.0), {"friction_drop": DROPS["friction_drop"].of_replicas(TIMES, curves)}
+    curve = DROPS["friction_drop"].of_replicas(TIMES, curves)
+    return SimpleNamespace(name=name, ageing=Ageing(load=50.0), curves={"friction_drop": curve})
 
 
 def chances(curves: np.ndarray, truth: np.ndarray, replicas: int, error: float, trials: int) -> np.ndarray:
@@ -70,12 +71,23 @@ def chances(curves: np.ndarray, truth: np.ndarray, replicas: int, error: float, 
     rng = np.random.default_rng([replicas, round(1000 * error)])
     found = np.zeros(trials)
     for trial in range(trials):
-        chosen = curves[rng.choice(len(curves), replicas, replace=False)]
+        run = run_of(curves[rng.choice(len(curves), replicas, replace=False)])
         values = np.interp(np.log(MEASURED), np.log(TIMES), truth)
         stated = error * values
         values = values + stated * rng.standard_normal(values.size)
         data = ca.Measurements("m", MEASURED, values, "friction_drop", stated, load=50.0)
-        found[trial] = verdict(data, "run", *run_of(chosen)).chance
+        found[trial] = verdict(data, "run", run.ageing, run.curves).chance
+    return found
+
+
+def of_runs(curves: np.ndarray, others: np.ndarray, counts: tuple[int, int], trials: int) -> np.ndarray:
+    """The same of runs of so many of ``curves`` and of ``others``."""
+    rng = np.random.default_rng(counts)
+    found = np.zeros(trials)
+    for trial in range(trials):
+        drawn = rng.permutation(min(len(curves), len(others)))[: sum(counts)]
+        one, other = curves[drawn[: counts[0]]], others[drawn[counts[0] :]]
+        found[trial] = between(run_of(one), run_of(other, "other")).chance
     return found
 
 
@@ -103,12 +115,17 @@ def main(trials: int, names: list[str]) -> None:
         for error in ERRORS:
             cells = [shares(chances(curves, curves.mean(axis=0), count, error, trials)) for count in REPLICAS]
             print(f"| {name}, errors of {100 * error:g} % | " + " | ".join(cells) + " |", flush=True)
+        cells = [shares(of_runs(curves, curves, counts, trials)) for counts in PAIRS]
+        print(f"| {name}, two runs | " + " | ".join(cells) + " |", flush=True)
     print("% of false models that differ", flush=True)
     curves = pool("alone")
     for name, truth in wrong(curves).items():
         for error in ERRORS:
             cells = [shares(chances(curves, truth, count, error, max(50, trials // 10))) for count in REPLICAS]
             print(f"| {name}, errors of {100 * error:g} % | " + " | ".join(cells) + " |", flush=True)
+    for name, others in {"times 1.1": 1.1 * curves, "10 K more": pool("alone", temperature=310.0)}.items():
+        cells = [shares(of_runs(curves, others, counts, max(50, trials // 10))) for counts in PAIRS]
+        print(f"| {name}, two runs | " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
 from chemage.ageing.aging import BARRIERS
-from chemage.contacts.solution import ContactSolution
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.scene import plan as estimate
@@ -490,7 +490,7 @@ class SurfaceLevel:
     ) -> None:
         self.name, self.parts, self._row = name, parts, row
         self._rows: list[np.ndarray] = []
-        self._contact: ContactSolution | None = None
+        self._contact: Any = None
 
     @property
     def cost(self) -> float:

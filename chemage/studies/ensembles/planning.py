@@ -77,9 +77,7 @@ class Pilot:
     source: str
 
     @classmethod
-    def of(
-        cls, levels: Sequence[SurfaceLevel], varied: bool, longest: float
-    ) -> Pilot:
+    def of(cls, levels: Sequence[Any], varied: bool, longest: float) -> Pilot:
         """Take samples of ``levels``, of which the first decides; ``longest`` (CPU s) is allowed for the least."""
         found, source = {}, ""
         for level in levels:
@@ -288,12 +286,13 @@ class _Forecast:
     def drawn(self, rng: np.random.Generator) -> list[stages.Route]:
         """The routes with levels whose samples are drawn."""
         level, control = self.routes[0].levels[0], self.routes[0].control
-        rows = self.pilot.levels[level.name].rows[:, self.columns]
-        sketches = control and self.pilot.levels.get(control.name)
-        pairs = rows
-        if sketches:
-            both = min(len(rows), len(sketches.rows))
-            pairs = np.hstack([rows[:both], sketches.rows[:both]])
+        pairs = self.rows[:, self.columns]
+        sketches = None
+        if control is not None:
+            sketches = self.pilot.levels.get(control.name)
+        if sketches is not None:
+            both = min(len(pairs), len(sketches.rows))
+            pairs = np.hstack([pairs[:both], sketches.rows[:both]])
         own = self.pilot.levels[level.name].own
         values = _Drawn(pairs, rng, own=own)
         some = slice(0, len(self.columns))
@@ -359,7 +358,7 @@ class _Forecast:
         """What one set of samples leads to: the last state, why it does not reach the accuracy, the samples that are
         needed, and CPU seconds."""
         request, routes = self.request, self.drawn(rng)
-        levels = {
+        levels: dict[str, Any] = {
             level.name: level
             for route in routes
             for level in (*route.levels, route.control)
@@ -382,8 +381,10 @@ class _Forecast:
         except stages.Unreachable as error:
             needed, seconds = error.needed, spent()
             if needed:
-                more = zip(needed, error.state.sampled, strict=False)
-                seconds = sum(n * sampled.level.seconds for n, sampled in more)
+                each = [
+                    levels[one.level.name].seconds for one in error.state.sampled
+                ]
+                seconds = float(np.dot(needed[: len(each)], each[: len(needed)]))
             return error.state, error.reason, needed, seconds
         reason = "" if state.reached(accuracy) else "time"
         return state, reason, state.counts, spent()
