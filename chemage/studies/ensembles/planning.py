@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.foundation.statistics import half_width, student_limit
+from chemage.foundation.statistics import half_width
 from chemage.foundation.text import percent, plus_minus
 from chemage.foundation.threads import available
 from chemage.scene import plan as estimate
@@ -191,23 +191,10 @@ class Expectation:
     doubts: tuple[str, ...] = ()
 
     @classmethod
-    def counted(
-        cls,
-        count: int,
-        seconds: tuple[float, float, float],
-        workers: int,
-        **more: Any,
-    ) -> Expectation:
-        """Of a number of samples that is known, each of which takes ``seconds``: least, expected and most."""
-        least, each, most = (count * one for one in seconds)
-        return cls(
-            (count,),
-            each,
-            each / min(workers, count),
-            (count, count),
-            (least, most),
-            **more,
-        )
+    def counted(cls, count: int, seconds: float, workers: int) -> Expectation:
+        """Of a number of samples that is known, each of which is estimated to take ``seconds``."""
+        cpu, wall = count * seconds, count * seconds / min(workers, count)
+        return cls((count,), cpu, wall, (count, count), (cpu, cpu))
 
 
 class _Forecast:
@@ -235,7 +222,7 @@ class _Forecast:
     def says_nothing(self) -> bool:
         """Whether nothing follows from the samples of the pilot."""
         rows = self.rows[:, self.columns]
-        same = (rows == rows[0]).all(axis=0) & (rows[0] != 0)
+        same = (rows == rows[0]).all(axis=0)
         return len(rows) < 2 or not np.isfinite(rows).all() or bool(same.any())
 
     def doubts(self) -> tuple[str, ...]:
@@ -258,30 +245,6 @@ class _Forecast:
                     f"{name} cannot be told from zero: it is {text} in {of}"
                 )
         return tuple(doubts)
-
-    def counted(self, count: int, doubts: tuple[str, ...]) -> Expectation:
-        """Of a number of surfaces that is asked for."""
-        level = self.routes[0].levels[0]
-        drawn = _Drawn(self.rows[:, :0], np.random.default_rng(0), own=True)
-        times = [
-            self._level(
-                level, drawn, slice(0), np.random.default_rng(number)
-            ).seconds
-            for number in range(DRAWS)
-        ]
-        column, name = next(iter(self.request.asked.items()))
-        values, intervals = self.rows[:, column], {}
-        if not doubts:
-            half = student_limit(count - 1) * values.std(ddof=1) / math.sqrt(count)
-            intervals = {name: half / abs(values.mean())}
-        low, middle, high = np.quantile(times, (TAILS[0], 0.5, TAILS[1])).tolist()
-        return Expectation.counted(
-            count,
-            (low, middle, high),
-            self.workers,
-            intervals=intervals,
-            doubts=doubts,
-        )
 
     def drawn(self, rng: np.random.Generator) -> list[stages.Route]:
         """The routes with levels whose samples are drawn."""
@@ -328,18 +291,13 @@ class _Forecast:
     ) -> _DrawnLevel:
         measured = self.pilot.levels.get(level.name)
         times = measured.seconds if measured is not None else []
-        seconds = level.cost_here * math.exp(DOUBT * rng.standard_normal())
+        seconds, error = level.cost_here, DOUBT
         if times:
             # the first sample prepares the others
             kept = np.array(times[1:] if len(times) > 2 else times)
-            error = UNEVEN
-            if kept.size > 1:
-                spread = kept.std(ddof=1) / kept.mean() / math.sqrt(kept.size)
-                error = math.hypot(
-                    UNEVEN,
-                    spread * student_limit(kept.size - 1, 0.68),
-                )
-            seconds = kept.mean() * math.exp(error * rng.standard_normal())
+            seconds = float(kept.mean())
+            error = math.hypot(UNEVEN, kept.std() / seconds / math.sqrt(kept.size))
+        seconds *= math.exp(error * rng.standard_normal())
         return _DrawnLevel(level.cost, seconds, drawn, columns, level.name)
 
     def _unmeasured(self, level: Any, rng: np.random.Generator) -> np.ndarray:
@@ -374,6 +332,15 @@ class _Forecast:
             now=lambda: spent() / self.workers,
         )
         accuracy = request.accuracy()[self.columns]
+        if request.surfaces is not None:
+            first = routes[0].levels[0]
+            values = first.sample(0, request.surfaces)
+            one, asked = (
+                stages.Sampled(first, values),
+                np.zeros(accuracy.size, bool),
+            )
+            state = stages.SamplingState(routes[0], [one], asked)
+            return state, "", state.counts, spent()
         try:
             state = stages.run_stages(
                 routes, accuracy, most=request.most, clock=clock
@@ -748,17 +715,18 @@ def _foreseen(
         if not asked_for:
             return None, pilot.source
         each = first.seconds_here
-        seen = Expectation.counted(asked_for, (each, each, each), workers)
+        seen = Expectation.counted(asked_for, each, workers)
         how = "as asked for" if request.surfaces else "as many as the time allows"
         return seen, f"{how}; {pilot.source}"
     forecast = _Forecast(request, routes, pilot, workers, before)
     doubts = forecast.doubts()
-    if request.surfaces is not None:
-        return forecast.counted(request.surfaces, doubts), "as asked for"
-    if doubts and forecast.says_nothing:
+    if forecast.says_nothing and not request.surfaces:
+        if np.any(forecast.mean[forecast.columns] == 0):
+            count, each = asked_for or stages.FIRST, first.seconds_here
+            zero = Expectation.counted(count, each, workers)
+            return replace(zero, reason="zero", doubts=doubts), pilot.source
         return None, doubts[0]
-    if not forecast.mean[forecast.columns].all():
-        zero = forecast.counted(asked_for or stages.FIRST, doubts)
-        return replace(zero, reason="zero"), pilot.source
     seen = replace(forecast.expectation(), doubts=doubts)
-    return seen, pilot.source
+    if doubts and request.surfaces:
+        seen = replace(seen, intervals={})
+    return seen, "as asked for" if request.surfaces else pilot.source
