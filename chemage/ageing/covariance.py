@@ -25,7 +25,7 @@ EXCHANGES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 SMALLEST = 1e-6
 #: values of v and of s in each of PANELS panels of probability over which is averaged, each panel half as wide as the one
 #: of smaller values: the largest decide how improbable a large deviation is
-VARIANCES, SCALES, PANELS = 6, 2, 12
+VARIANCES, SCALES, PANELS = 4, 1, 12
 #: probability below which a value of c is left out
 UNLIKELY = 1e-3
 #: part of the degrees of freedom of s that counts, as its shape is not exactly that of sites that interact or break
