@@ -279,13 +279,12 @@ def between(one: Curved, other: Curved) -> Verdict:
         for part in (model, theirs)
     ]
     mean, values = model.mean[inside], theirs.mean[inside]
-    pooled = np.concatenate([one for part in samples for one in part]).mean(axis=0)
-    terms = len(samples[0]) + len(samples[1])
-    pooled = pooled if terms == 2 else (mean + values) / 2
+    counts = [len(part[0]) for part in samples]
+    pooled = np.average([mean, values], axis=0, weights=counts)
     errors = [CurveError.of(part, pooled).matrix() for part in samples]
     both = CurveError.of([*samples[0], *samples[1]], pooled)
     noise = (model.known + theirs.known)[np.ix_(inside, inside)]
-    noise = noise + np.diag((SMALLEST * np.abs(pooled).max()) ** 2 + 0 * pooled)
+    noise[np.diag_indices_from(noise)] += (SMALLEST * np.abs(pooled).max()) ** 2
     chance = both.chance(values - mean, noise, np.eye(mean.size))
     own, its = (np.sqrt(np.diag(each)) for each in errors)
     found = Verdict(
