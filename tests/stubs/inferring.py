@@ -17,8 +17,8 @@ drawn_errors, rank = _errors, _rank
 
 __all__ = [
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
-    "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors", "effective",
-    "r_hat", "rank", "result_of", "verdict",
+    "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors",
+    "effective", "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
 
 

@@ -45,7 +45,7 @@ CONTROL_PAYS = 0.5
 #: replicas of a sample whose contact takes all the time
 MOST_REPLICAS = 16
 #: the difference between two grids on one surface: its standard deviation over the mean with so many replicas, and the
-#: variance of one replica over that of the surfaces; as measured by ``tests/benchmarks/ensemble_estimates.py``
+#: variance of one replica over that of the surfaces; as measured on scenes 0 to 27 of ``tests/benchmarks/unseen_scenes.py``
 DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE = 0.008, 10, 3.0
 
 
