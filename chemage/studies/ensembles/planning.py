@@ -232,9 +232,7 @@ class _Forecast:
         for column, name in self.request.asked.items():
             values = self.rows[:, column]
             if count < 2:
-                doubts.append(
-                    f"a single sample took so long that {of} are all there is"
-                )
+                doubts.append("the pilot has a single sample, which took too long")
             elif not np.isfinite(values).all():
                 doubts.append(f"{name}: not all of {of} have it")
             elif (values == values[0]).all():
@@ -720,13 +718,12 @@ def _foreseen(
         return seen, f"{how}; {pilot.source}"
     forecast = _Forecast(request, routes, pilot, workers, before)
     doubts = forecast.doubts()
-    if forecast.says_nothing and not request.surfaces:
-        if np.any(forecast.mean[forecast.columns] == 0):
-            count, each = asked_for or stages.FIRST, first.seconds_here
-            zero = Expectation.counted(count, each, workers)
-            return replace(zero, reason="zero", doubts=doubts), pilot.source
+    source = "as asked for" if request.surfaces else pilot.source
+    if not forecast.says_nothing:
+        return replace(forecast.expectation(), doubts=doubts), source
+    zero = "zero" if np.any(forecast.mean[forecast.columns] == 0) else ""
+    if not (asked_for or zero):
         return None, doubts[0]
-    seen = replace(forecast.expectation(), doubts=doubts)
-    if doubts and request.surfaces:
-        seen = replace(seen, intervals={})
-    return seen, "as asked for" if request.surfaces else pilot.source
+    each = first.seconds_here
+    seen = Expectation.counted(asked_for or stages.FIRST, each, workers)
+    return replace(seen, reason=zero, doubts=doubts), source
