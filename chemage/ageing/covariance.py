@@ -29,7 +29,7 @@ VARIANCES, SCALES, PANELS = 4, 1, 12
 #: probability below which a value of c is left out
 UNLIKELY = 1e-3
 #: part of the degrees of freedom of s that counts, as its shape is not exactly that of sites that interact or break
-#: their bonds: with it a true model is called different at the 5 % level in 3 to 7 % (tests/benchmarks/verdicts.py)
+#: their bonds: with it a true model is called different at the 5 % level in 2 to 7 % (tests/benchmarks/verdicts.py)
 TRUSTED = 0.75
 #: how often the mean curve is found again from samples and measurements together
 ROUNDS = 3
