@@ -73,6 +73,7 @@ from chemage.surfaces.surface import Roughness as Roughness
 from chemage.friction.role import Rupture as Rupture
 from chemage.friction.role import RuptureForce as RuptureForce
 from chemage.lattices.site_grid import SITE_POSITIONS as SITE_POSITIONS
+from chemage.surfaces.role import Scatter as Scatter
 from chemage.foundation.errors import SceneError as SceneError
 from chemage.foundation.checks import Seed as Seed
 from chemage.plugins.hooks import Stage as Stage

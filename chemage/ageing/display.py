@@ -37,9 +37,10 @@ from chemage.foundation.result import (
     Picture,
     Rows,
 )
-from chemage.foundation.statistics import half_width
-from chemage.foundation.text import jsonable
+from chemage.foundation.statistics import NORMAL_LIMIT, half_width
+from chemage.foundation.text import jsonable, percent
 from chemage.friction.role import Rupture
+from chemage.surfaces.role import Scatter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,9 +76,9 @@ class AgingDisplay(OfRecord[Aging]):
         return fit_or_reason(self.record, self.window)
 
     @property
-    def between(self) -> str:
-        """What another seed gives in place of the surface, in words; "" where that is not known."""
-        return ""
+    def scatter(self) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, where that is known."""
+        return None
 
     def draw_published(self, axes: Axes) -> None:
         """Draw what was published of this result, where that is known."""
@@ -117,8 +118,7 @@ class AgingDisplay(OfRecord[Aging]):
                     aging.error_words,
                 )
             )
-        if other := self.between:
-            text = f"β differs between {other} by more than between replicas; an ensemble measures it"
+        if (scatter := self.scatter) is not None and (text := scatter.text()):
             facts.append(("surfaces", text))
         return facts
 
@@ -292,6 +292,19 @@ class AgingDisplay(OfRecord[Aging]):
                 zorder=3,
                 label="β of the fitted line",
             )
+            scatter = self.scatter.relative if self.scatter is not None else None
+            if scatter and fit.beta != 0 and not scatter <= fit.relative_stderr:
+                half = NORMAL_LIMIT * scatter * abs(fit.beta)
+                label = f"β of other surfaces, 95 % (± {percent(NORMAL_LIMIT * scatter)})"
+                axes.fill_between(
+                    fit.span,
+                    fit.beta - half,
+                    fit.beta + half,
+                    color=ORANGE,
+                    alpha=0.2,
+                    lw=0,
+                    label=label,
+                )
         legend(axes)
 
 

@@ -77,7 +77,7 @@ NAMES = {
     "results.page": "write_report",
     "results.files": "open_maps read write",
     "surfaces.reading": "HeightMap Reader reader_for",
-    "surfaces.role": "CONTINUATIONS SurfaceMaker make_surface surface",
+    "surfaces.role": "CONTINUATIONS Scatter SurfaceMaker make_surface surface",
     "surfaces.surface": "Roughness Surface",
     "studies.study": "Design carry_out",
     "studies.tasks": "Outcome Task Worker",

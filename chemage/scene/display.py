@@ -27,9 +27,10 @@ from chemage.foundation.result import (
     result_of,
 )
 from chemage.plugins import registry
-from chemage.scene.provenance import between
+from chemage.scene.provenance import scatter_of
 from chemage.scene.run import Run
 from chemage.scene.scene import heading
+from chemage.surfaces.role import Scatter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -115,8 +116,8 @@ class AgingOfScene(AgingDisplay):
         self._scene = {} if run is None else run.scene
 
     @property
-    def between(self) -> str:
-        return between(self._scene, self.record)
+    def scatter(self) -> Scatter | None:
+        return scatter_of(self._scene, self.record, self.record.contact)
 
     def draw_published(self, axes: Axes) -> None:
         draw_published(axes, self._scene, self.fit[0])

@@ -24,7 +24,7 @@ from chemage.foundation.records import Record
 from chemage.plugins import registry
 from chemage.plugins.sources import nested, providers
 from chemage.scene.scene import Scene
-from chemage.surfaces.role import SurfaceMaker
+from chemage.surfaces.role import Scatter, SurfaceMaker
 
 #: libraries on whose versions the last bits of a result depend
 LIBRARIES = ("numpy", "scipy", "numba", "h5py")
@@ -84,14 +84,20 @@ def components_of(
     ]
 
 
-def between(scene: Fields, aging: Aging | None) -> str:
-    """What another seed gives in place of the surface of a result (:meth:`SurfaceMaker.between`); "" where it changes
-    nothing, and where the maker is not known."""
+def scatter_of(
+    scene: Fields, aging: Aging | None, contact: Mapping[str, float]
+) -> Scatter | None:
+    """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
+
+    ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
+    """
     for _, role, options in _recorded(scene, aging, None):
         if role == SurfaceMaker.role:  # the other components need not be imported
             maker = _installed(role, options)
-            return maker.between() if isinstance(maker, SurfaceMaker) else ""
-    return ""
+            return (
+                maker.scatter(contact) if isinstance(maker, SurfaceMaker) else None
+            )
+    return None
 
 
 def _recorded(

@@ -56,8 +56,9 @@ from chemage.plugins.hooks import Stage, StageInputs
 from chemage.plugins.sources import run_stage
 from chemage.scene.files import load_scene
 from chemage.scene.plan import LongRunWarning, cost
-from chemage.scene.provenance import versions
+from chemage.scene.provenance import scatter_of, versions
 from chemage.scene.scene import Scene
+from chemage.surfaces.role import Scatter
 from chemage.surfaces.surface import Surface
 
 if TYPE_CHECKING:
@@ -161,6 +162,14 @@ class Run:
         every = merged_approximations(self.contact.approximate, later)
         return approximations_in_words(every)
 
+    @property
+    def scatter(self) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
+        ageing."""
+        if self.aging is None:
+            return None
+        return scatter_of(self.scene, self.aging, self.contact.summary())
+
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""
         return self._fitted[0]
@@ -182,7 +191,7 @@ class Run:
 
     def summary(self) -> Data:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
-        contact, aging = self.contact, self.aging
+        contact, aging, scatter = self.contact, self.aging, self.scatter
         fit, reason = self._fitted
         numbers: Data = {
             "name": self.name,
@@ -215,6 +224,7 @@ class Run:
             "fit_range": list(fit.span) if fit else None,
             "beta_reason": reason or None,
             "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
+            "beta_scatter_between_surfaces": scatter.relative if scatter else None,
             **({"beta_errors": errors} if (errors := self.beta_errors) else {}),
             **elastic_measures(aging),
             "timings": self.timings,

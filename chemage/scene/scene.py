@@ -398,7 +398,8 @@ class Scene(Section):
     @property
     def is_random(self) -> bool:
         """Whether another seed gives another surface, as far as its maker says."""
-        return bool(self.surface.between())
+        scatter = self.surface.scatter({})
+        return scatter is None or scatter.relative != 0
 
     @property
     def ages(self) -> bool:

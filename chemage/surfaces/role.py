@@ -2,19 +2,59 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Self
 
 from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
+from chemage.foundation.errors import InputError
 from chemage.foundation.progress import logged, of_plugins
+from chemage.foundation.text import percent
 from chemage.plugins import registry
 from chemage.plugins.sources import noted
 from chemage.surfaces.surface import Roughness, Surface
 
 #: what another seed gives where it changes only waves that were not measured
 CONTINUATIONS = "continuations"
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How much β differs between surfaces that are equal but for their seed; replicas on one surface do not show it."""
+
+    #: standard deviation of β over its mean; 0: the seed does not change the surface; None: it does, by how much is
+    #: not known here
+    relative: float | None
+    #: how this is known, in words
+    source: str = ""
+    #: what another seed gives, in words
+    between: str = "surfaces"
+
+    def __post_init__(self) -> None:
+        if self.relative is not None and not 0 <= self.relative < math.inf:
+            raise InputError.of(
+                "relative",
+                self.relative,
+                "must be finite and at least 0",
+                "or None if it is not known",
+            )
+
+    def text(self, replicas: float = math.nan) -> str:
+        """One sentence for users; ``replicas`` is the relative standard error of β over replicas."""
+        if self.relative == 0:
+            return ""
+        if self.relative is None:
+            text = "β differs between surface seeds by more than between replicas; an ensemble measures it"
+        else:
+            text = f"β differs by about {percent(self.relative)} between surface seeds (standard deviation)"
+            if math.isfinite(replicas):
+                text += (
+                    f", the standard error of the replicas is {percent(replicas)}"
+                )
+        return f"{text}; {self.source}" if self.source else text
 
 
 class SurfaceMaker(Component, ABC):
@@ -41,9 +81,11 @@ class SurfaceMaker(Component, ABC):
         """
         return Roughness.of(self.make(seed))
 
-    def between(self) -> str:
-        """What another seed gives, in words: ``surfaces``, :data:`CONTINUATIONS`, ...; "" where it changes nothing."""
-        return "surfaces"
+    def scatter(self, contact: Mapping[str, float]) -> Scatter | None:
+        """How much β differs between surfaces of other seeds, of which one has a ``contact`` with these measures
+        (:data:`chemage.contacts.solution.MEASURES`); ``Scatter(0.0)`` where the seed does not change the surface,
+        ``Scatter(None)`` where it does and nothing more is known. None: the class does not say."""
+        return None
 
     def members(self, count: int) -> Sequence[SurfaceMaker]:
         """Makers of other surfaces that the same measurement allows, at most ``count`` of them; none where nothing is

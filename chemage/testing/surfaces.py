@@ -14,7 +14,7 @@ from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.files import create, read_bytes, write_file
 from chemage.foundation.records import Record
 from chemage.surfaces.reading import HeightMap, Reader
-from chemage.surfaces.role import SurfaceMaker
+from chemage.surfaces.role import Scatter, SurfaceMaker
 from chemage.surfaces.surface import Surface
 from chemage.testing.answers import as_bytes, independent_calls
 from chemage.testing.checks import (
@@ -413,13 +413,26 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
                     f"the last value {last!r}",
                 )
 
-    def what_another_seed_gives_is_said(self) -> None:
-        """``between()`` is text, empty if and only if the seed does not change the surface."""
-        said, random = self.component.between(), self._random()
-        require(
-            isinstance(said, str) and bool(said) == random,
-            f"between() is {said!r}, but the seed {'changes' if random else 'does not change'} the surface",
-        )
+    def scatter_agrees_with_the_seed(self) -> None:
+        """``scatter()`` is None or a Scatter, 0 if and only if the seed does not change the surface; it takes the
+        measures of any contact."""
+        random = self._random()
+        for contact in (
+            {},
+            {"patches": 0, "area_fraction": 0.0},
+            {"patches": 30, "area_fraction": 0.02},
+        ):
+            scatter = self.component.scatter(contact)
+            right = isinstance(scatter, Scatter | None)
+            require(
+                right,
+                f"scatter({contact}) returned {scatter!r}; give a chemage.plugin.Scatter",
+            )
+            require(
+                scatter is None or (scatter.relative == 0) != random,
+                f"scatter({contact}) is {scatter}, but the seed {'changes' if random else 'does not change'} the "
+                "surface",
+            )
 
 
 check_reader = whole(

@@ -24,6 +24,7 @@ from chemage.plugin import (
     HeightMap,
     Length,
     Reader,
+    Scatter,
     Seed,
     SurfaceMaker,
     Unit,
@@ -218,8 +219,9 @@ class ImageMaker(SurfaceMaker):
         }
         return {**numbers, "periodic": float(surface.periodic)}
 
-    def between(self) -> str:
-        return ""
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
 
 
 @lru_cache(maxsize=2)

@@ -28,6 +28,7 @@ from chemage.plugin import (
     FileStamp,
     Length,
     Output,
+    Scatter,
     Seed,
     StoreError,
     SurfaceMaker,
@@ -159,8 +160,9 @@ class Atoms(SurfaceMaker):
             "sites": len(surface.observables[SITE_POSITIONS]),
         }
 
-    def between(self) -> str:
-        return ""
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
 
     def read(self) -> ase.Atoms:
         """The atoms, as ASE has them."""

@@ -18,6 +18,7 @@ from chemage.plugin import (
     CONTINUATIONS,
     Choice,
     Length,
+    Scatter,
     Seed,
     SurfaceMaker,
     Unit,
@@ -146,8 +147,10 @@ class Roughened(SurfaceMaker):
             "rms_slope": plan.rms_slope(),
         }
 
-    def between(self) -> str:
-        return CONTINUATIONS
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """Not known: the seed changes the waves that were not measured, and not the others."""
+        source = "the seed changes only wavelengths that were not measured"
+        return Scatter(None, source, CONTINUATIONS)
 
     def members(self, count: int) -> Sequence[Self]:
         """Other continuations that the image allows: quantiles of the rms slope, on which contacts depend most."""

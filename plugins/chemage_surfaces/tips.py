@@ -20,6 +20,7 @@ from chemage.plugin import (
     CONTINUATIONS,
     Choice,
     Length,
+    Scatter,
     Seed,
     SurfaceMaker,
     Unit,
@@ -98,8 +99,9 @@ class _Body(SurfaceMaker):
             "periodic": 0.0,
         } | {"cpu_seconds": 1e-8 * nx * ny}
 
-    def between(self) -> str:
-        return ""
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """None: the seed is ignored."""
+        return Scatter(0.0)
 
     def make(self, seed: Seed = 0) -> Surface:
         """Make the surface: heights (nx, ny) float64 nm, at most 0. ``seed`` is ignored.
@@ -280,7 +282,7 @@ class Tip(SurfaceMaker):
     def _drawn(self) -> list[str]:
         """What another seed changes."""
         parts = {
-            "body": bool(self.body.between()),
+            "body": getattr(self.body.scatter({}), "relative", None) != 0,
             "own_roughness": self.own_roughness is not None
             and self.roughness_seed is None,
             "place": self.counterface is not None and self.place is None,
@@ -293,7 +295,8 @@ class Tip(SurfaceMaker):
         """Whether the seed draws what an image of the counterface does not show."""
         if self.counterface is None or self.counterface_seed is not None:
             return False
-        return self.counterface.between() == CONTINUATIONS
+        scatter = self.counterface.scatter({})
+        return scatter is not None and scatter.between == CONTINUATIONS
 
     def expected(self) -> dict[str, float]:
         """What the body expects; of a tip that is not smooth on a flat, only the grid and the time."""
@@ -316,12 +319,18 @@ class Tip(SurfaceMaker):
         }
         return {**known, "periodic": 0.0, "cpu_seconds": seconds}
 
-    def between(self) -> str:
+    def scatter(self, contact: Mapping[str, float]) -> Scatter:
+        """Unknown where the seed draws the roughness or the place, else none."""
         drawn = self._drawn
+        if not drawn:
+            return Scatter(0.0)
+        source = f"the seed draws the {' and the '.join(drawn)}".replace("_", " ")
+        between = "surfaces"
         if drawn == [_UNMEASURED]:
-            return CONTINUATIONS
-        places = set(drawn) <= {"place", _UNMEASURED}
-        return "places" if drawn and places else "surfaces" if drawn else ""
+            between = CONTINUATIONS
+        elif set(drawn) <= {"place", _UNMEASURED}:
+            between = "places"
+        return Scatter(None, source, between)
 
     def members(self, count: int) -> Sequence[Self]:
         """Those of the parts."""

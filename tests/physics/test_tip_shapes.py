@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from seen import result_of
 
 import chemage as ca
-from chemage.plugin import SceneError, roughness
+from chemage.plugin import Scatter, SceneError, roughness
 
 GRID = {"pixels": 129, "pixel_size": 0.25}
 MODULUS = 35.3
@@ -116,8 +116,8 @@ def test_the_seed_draws_place_and_roughness():
     assert parts[0]["own_roughness"] == parts[1]["own_roughness"]
     assert parts[0]["counterface"]["first_pixel"] != parts[1]["counterface"]["first_pixel"]
     assert both.make(5).heights.tobytes() == both.make(5).heights.tobytes()
-    assert one.replace(place=[16, 16]).between() == tip(body=BALL).between() == ""
-    assert (both.between(), one.between()) == ("surfaces", "places")
+    assert one.replace(place=[16, 16]).scatter({}) == tip(body=BALL).scatter({}) == Scatter(0.0)
+    assert both.scatter({}) == Scatter(None, "the seed draws the own roughness and the place")
 
 
 def scene(**changes):

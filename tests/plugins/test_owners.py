@@ -78,7 +78,7 @@ def test_there_are_methods_of_every_role():
     for name, method in (("Engine", "_run"), ("Reader", "claims"), ("Stage", "doubts"), ("Observable", "states")):
         assert method in found[name] or method == "states"
     assert returns(classes()["Engine"], "_run") == "BondHistory"
-    assert returns(classes()["SurfaceMaker"], "sketch") == ""
+    assert returns(classes()["SurfaceMaker"], "scatter") == ""
 
 
 @pytest.fixture

@@ -14,9 +14,10 @@ from functools import cache
 from itertools import combinations
 from pathlib import Path
 
+import faults as faults_made
 import numpy as np
 import pytest
-from made_results import every_result, made_aging, made_comparison, made_contact, made_surface
+from made_results import every_result, made_aging, made_comparison, made_contact, made_run, made_surface
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
@@ -325,6 +326,15 @@ def test_forecasts_and_measurements_have_the_colour_of_their_condition(results, 
     for label, one in result.forecasts.items():
         lines = [line for axes in plots_ for line in axes.lines if str(line.get_label()).startswith(label)]
         assert lines[0].get_ydata() == pytest.approx(one.band(0.90)[0] if one.bounds_only else one.median)
+
+
+def test_scatter_between_surfaces_is_drawn_where_it_is_larger_than_the_error_of_the_replicas(monkeypatch):
+    run = made_run(made_aging())
+    error = run.fit().relative_stderr
+    for scatter, expected in ((0.5 * error, []), (0.1, ["β of other surfaces, 95 % (± 20 %)"]), (None, []), (0.0, [])):
+        faults_made.known_scatter(monkeypatch, scatter)
+        axes = figures(run)["friction"].axes[1]
+        assert [one.get_label() for one in axes.collections if "other" in str(one.get_label())] == expected
 
 
 def test_contacts_can_be_seen_and_the_zoom_is_where_its_box_is():

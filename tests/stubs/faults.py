@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from chemage.plugin import Scatter
 from chemage.plugins import content
 from chemage.results import comparison, drawing
 from chemage.scene import plan
@@ -110,3 +111,8 @@ def interrupt_drawing(patch: pytest.MonkeyPatch) -> None:
 def many_points(patch: pytest.MonkeyPatch, count: int) -> None:
     """A sweep of more points than this is asked about."""
     patch.setattr(running, "MANY_POINTS", count)
+
+
+def known_scatter(patch: pytest.MonkeyPatch, relative: float | None) -> None:
+    """Surfaces of every maker scatter by this much."""
+    patch.setattr("chemage.scene.display.scatter_of", lambda *_: Scatter(relative, "here"))

@@ -116,7 +116,7 @@ def test_members_are_other_surfaces_that_the_image_allows(tmp_path):
     assert slopes == pytest.approx(sorted(slopes), rel=0.03)
     low, high = record(maker)["rms_slope_interval"]
     assert np.quantile(slopes, [0.05, 0.95]) == pytest.approx([low, high], rel=0.1)
-    assert maker.between() == CONTINUATIONS
+    assert maker.scatter({}).between == CONTINUATIONS
     # none is unknown where the spectrum is given
     assert "tip" not in maker.unknown
     assert "tip_radius is not given" in roughened(tmp_path, drawn(law(0.8), 8)).unknown

@@ -383,7 +383,8 @@ def measurement_error(
     members = list(scene.surface.members(SURFACES))
     if len(members) < 2:
         return np.zeros(quantities.count), ""
-    others, rows = scene.surface.between() == CONTINUATIONS, []
+    scatter, rows = scene.surface.scatter({}), []
+    others = scatter is not None and scatter.between == CONTINUATIONS
     for number, maker in enumerate(members):
         seeds = samples.seeds(number if others else 0)
         member = samples.computation.seeded(*seeds).model_copy(

@@ -27,7 +27,7 @@ from chemage.foundation.result import (
 from chemage.foundation.text import jsonable, percent
 from chemage.foundation.units import convert
 from chemage.scene.display import chemistry_of_scene
-from chemage.scene.provenance import between
+from chemage.scene.provenance import scatter_of
 from chemage.studies.ensembles.ensemble import SOURCES, Ensemble
 
 if TYPE_CHECKING:
@@ -51,8 +51,8 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     def __init__(self, ensemble: Ensemble) -> None:
         super().__init__(ensemble)
-        known = between(self.scene, None) if ensemble.random else ""
-        self.over = known or "surfaces"
+        known = scatter_of(self.scene, None, {}) if ensemble.random else None
+        self.over = known.between if known else "surfaces"
         self.errors = (
             OVER_SURFACES.replace("surfaces", self.over)
             if ensemble.random

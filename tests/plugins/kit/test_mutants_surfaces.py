@@ -135,17 +135,17 @@ MAKERS: dict[str, tuple[Any, str]] = {
     ),
     "members on other pixels": (with_members("finer", lambda self, count: _like(self, count, pixels=64)), MEMBERS),
     "members that change with each call": (with_members("drawn", _others), MEMBERS),
-    "random, but other seeds are said to change nothing": (
-        lambda: maker(ROUGH, "the-same", lambda s, *g: s, between=lambda *_: ""),
-        "what_another_seed_gives_is_said",
+    "random, but its scatter is 0": (
+        lambda: maker(ROUGH, "no-scatter", lambda s, *g: s, scatter=lambda *_: ca.plugin.Scatter(0.0)),
+        "scatter_agrees_with_the_seed",
     ),
-    "a tip of which other seeds are said to be others": (
-        lambda: maker(SPHERE, "others", lambda s, *g: s, between=lambda *_: "surfaces"),
-        "what_another_seed_gives_is_said",
+    "a tip with scatter": (
+        lambda: maker(SPHERE, "scatters", lambda s, *g: s, scatter=lambda *_: ca.plugin.Scatter(0.1)),
+        "scatter_agrees_with_the_seed",
     ),
-    "a number in place of what another seed gives": (
-        lambda: maker(ROUGH, "number", lambda s, *g: s, between=lambda *_: 0.1),
-        "what_another_seed_gives_is_said",
+    "scatter as a number": (
+        lambda: maker(ROUGH, "number", lambda s, *g: s, scatter=lambda *_: 0.1),
+        "scatter_agrees_with_the_seed",
     ),
     "ten times the pixel": (
         lambda: maker(ROUGH, "pixel", lambda s, *g: changed(s, pixel_size=10 * s.pixel_size)),
