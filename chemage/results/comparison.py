@@ -35,7 +35,7 @@ from chemage.foundation.text import csv_text, jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
 from chemage.results.kinds import components, is_point, load
-from chemage.results.verdicts import COLUMNS, Verdict, verdict
+from chemage.results.verdicts import COLUMNS, Verdict, between, verdict
 from chemage.studies.folder import SweepWarning
 from chemage.studies.sweeps.result import in_words, load_sweep
 
@@ -421,7 +421,7 @@ class Comparison:
                 for note in data.notes
             )
             rows = [each.row() for each in verdicts]
-            title = "Measured = offset + slope × model"
+            title = "Value = offset + slope × model"
             tables.append(
                 Table(title, COLUMNS, rows, remarks=list(notes), in_detail=False)
             )
@@ -449,12 +449,14 @@ class Comparison:
         return tables
 
     def verdicts(self) -> list[Verdict]:
-        """Each measured curve beside each result: offset, slope, χ², residuals, and what they mean."""
+        """Each measured curve beside each result, and each other result beside the first: offset, slope, χ², residuals,
+        and what they mean."""
+        first, *others = self.results
         return [
             verdict(data, entry.name, entry.ageing, entry.curves)
             for data in self.measured
             for entry in self.results
-        ]
+        ] + [between(first, entry) for entry in others if entry.ages and first.ages]
 
     def fits(self) -> list[tuple[str, Fit]]:
         """Fit both models to each set of measurements, and to each result over the same hold times: (name, fit)."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from chemage.ageing.covariance import CurveError, agreement
+from chemage.ageing.covariance import SMALLEST, CurveError, agreement
 from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.quantities import NONE, Curve
@@ -46,6 +47,8 @@ class Verdict:
     chi2: float = math.nan
     #: probability of a larger deviation by chance
     chance: float = math.nan
+    #: what is judged, in words
+    subject: str = "measured values"
 
     @property
     def residuals(self) -> np.ndarray:
@@ -63,14 +66,55 @@ class Verdict:
         side = "above" if offset > 0 else "below"
         shift = f"{plus_minus(abs(offset), offset_error, UNIT[self.quantity])} {side} it"
         if scaled and shifted:
-            return f"measured values are {factor} and {shift}"
+            return f"{self.subject} are {factor} and {shift}"
         if scaled:
-            return f"measured values are {factor}"
+            return f"{self.subject} are {factor}"
         return (
-            f"measured values lie {shift}"
+            f"{self.subject} lie {shift}"
             if shifted
             else "neither an offset nor a factor between them"
         )
+
+    def fitted(self) -> tuple[Verdict, float]:
+        """The same with offset and slope of least squares, and χ² of what is left over its degrees of freedom."""
+        stated = bool(np.isfinite(self.measured_errors).all())
+        times = self.hold_times.size
+        weight = np.ones(times)
+        if stated:
+            weight = 1 / np.hypot(self.measured_errors, self.model_errors)
+        design = np.stack([np.ones(times), self.model], axis=1) * weight[:, None]
+        inverse = np.linalg.pinv(design.T @ design)
+        offset, slope = inverse @ design.T @ (self.values * weight)
+        rest = self.values * weight - design @ (offset, slope)
+        left = float(np.sum(rest**2)) / max(times - 2, 1)
+        spread = np.diag(inverse) * (max(left, 1.0) if stated else left)
+        first, second = np.sqrt(spread).tolist()
+        line = {"offset": (float(offset), first), "slope": (float(slope), second)}
+        return replace(self, **line), left
+
+    def judged(self, covariance: np.ndarray, chance: float) -> Verdict:
+        """The same with a verdict.
+
+        Parameters
+        ----------
+        covariance
+            (m, m) of the errors of both sides.
+        chance
+            Probability of a larger deviation; nan: that of χ².
+        """
+        from scipy.stats import chi2 as distribution
+
+        found, left = self.fitted()
+        residual, count = self.values - self.model, self.values.size
+        chi2 = float(residual @ np.linalg.solve(covariance, residual))
+        if math.isnan(chance):
+            chance = float(distribution.sf(chi2, count))
+        found = replace(found, chi2=chi2, chance=chance)
+        freedom = max(count - 2, 1)
+        text = found.in_words(float(distribution.sf(left * freedom, freedom)))
+        if chance < AGREE and not self.model_errors.any():
+            text += "; the result has no error of its own, as a single replica has none: age several"
+        return replace(found, verdict=text)
 
     def in_words(self, fitted: float) -> str:
         """The verdict; ``fitted`` is the probability of the χ² of offset and slope."""
@@ -80,7 +124,7 @@ class Verdict:
                 return "the errors are too large to tell: any rise agrees"
             return "agrees within the errors"
         sure = "differs" if self.chance < DIFFER else "differs somewhat"
-        if fitted >= DIFFER and (trend := self.trend())[0] == "m":
+        if fitted >= DIFFER and (trend := self.trend()).startswith(self.subject):
             return f"{sure}: the same shape, but {trend}"
         worst = int(np.argmax(np.abs(self.residuals)))
         where = f"{self.residuals[worst]:+.1f} standard errors at {power_text(self.hold_times[worst])} s"
@@ -173,16 +217,6 @@ def verdict(
     covariance = (
         known if error is None else known + places @ error.matrix() @ places.T
     )
-    model_errors = np.sqrt(np.diag(covariance))
-    weight = 1 / np.hypot(own, model_errors) if stated else np.ones(times.size)
-    design = np.stack([np.ones(times.size), mean], axis=1) * weight[:, None]
-    inverse = np.linalg.pinv(design.T @ design)
-    offset, slope = inverse @ design.T @ (values * weight)
-    left = float(np.sum((values * weight - design @ (offset, slope)) ** 2)) / max(
-        times.size - 2, 1
-    )
-    errors = np.sqrt(np.diag(inverse) * (max(left, 1.0) if stated else left))
-    line = (float(offset), float(errors[0])), (float(slope), float(errors[1]))
     found = Verdict(
         data.name,
         name,
@@ -192,28 +226,80 @@ def verdict(
         values,
         mean,
         own,
-        model_errors,
-        *line,
+        np.sqrt(np.diag(covariance)),
     )
     if not stated:
+        found, _ = found.fitted()
         away = float(np.sqrt(np.mean((values - mean) ** 2)))
         text = f"{found.trend()}; r.m.s. difference {away:.3g} {UNIT[data.quantity]}".rstrip()
         return replace(found, verdict=f"{text}; the measurements state no errors")
-    from scipy.stats import chi2 as distribution
+    return found.judged(np.diag(own**2) + covariance, chance)
 
-    residual = values - mean
-    chi2 = float(residual @ np.linalg.solve(np.diag(own**2) + covariance, residual))
-    if error is None:
-        chance = float(distribution.sf(chi2, times.size))
-    found = replace(found, chi2=chi2, chance=chance)
-    text = found.in_words(
-        float(
-            distribution.sf(left * max(times.size - 2, 1), max(times.size - 2, 1))
-        )
+
+class Curved(Protocol):
+    """A result whose curves are judged."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def ageing(self) -> Ageing: ...
+    @property
+    def curves(self) -> Mapping[str, Curve]: ...
+
+
+def between(one: Curved, other: Curved) -> Verdict:
+    """Judge two results beside each other, ``other`` at its hold times: both have samples, of which
+    :class:`CurveError` is that of the difference of their means."""
+    not_compared: Callable[[str], Verdict] = partial(Verdict, other.name, one.name)
+    why = _elsewhere(
+        other.ageing.load, other.ageing.chemistry.get("temperature"), one.ageing
     )
-    if chance < AGREE and not covariance.any():
-        text += "; the result has no error of its own, as a single replica has none: age several"
-    return replace(found, verdict=text)
+    common = [
+        name for name in UNIT if {name} <= one.curves.keys() & other.curves.keys()
+    ]
+    if why or not common:
+        return not_compared(
+            f"not compared: {why or 'no friction against hold time'}"
+        )
+    curve = other.curves[common[0]]
+    positive = curve.x > 0
+    model = _Model.of(one.curves[common[0]], curve.x[positive])
+    theirs = _Model.of(curve, curve.x[positive])
+    inside = np.isfinite(model.mean)
+    if not (model.samples and theirs.samples):
+        return not_compared(
+            "not compared: a single replica has no error; age several"
+        )
+    if inside.sum() < 3:
+        return not_compared(
+            f"not compared: only {inside.sum()} hold times in common, which needs 3"
+        )
+    samples = [
+        [values @ part.places[inside].T for values in part.samples]
+        for part in (model, theirs)
+    ]
+    mean, values = model.mean[inside], theirs.mean[inside]
+    counts = [len(part[0]) for part in samples]
+    pooled = np.average([mean, values], axis=0, weights=counts)
+    errors = [CurveError.of(part, pooled).matrix() for part in samples]
+    both = CurveError.of([*samples[0], *samples[1]], pooled)
+    noise = (model.known + theirs.known)[np.ix_(inside, inside)]
+    noise[np.diag_indices_from(noise)] += (SMALLEST * np.abs(pooled).max()) ** 2
+    chance = both.chance(values - mean, noise, np.eye(mean.size))
+    own, its = (np.sqrt(np.diag(each)) for each in errors)
+    found = Verdict(
+        other.name,
+        one.name,
+        "",
+        common[0],
+        curve.x[positive][inside],
+        values,
+        mean,
+        its,
+        own,
+        subject="its values",
+    )
+    return found.judged(noise + both.matrix(), chance)
 
 
 class _Model(NamedTuple):
@@ -270,17 +356,8 @@ def _model(
             data.load, data.temperature, there.hold_times[kept]
         )
         return there, _Model(mean, covariance, mean, (), np.eye(mean.size))
-    kelvin = ageing.chemistry.get("temperature")
-    for own, theirs, unit in (
-        (data.load, ageing.load, "nN"),
-        (data.temperature, kelvin, "K"),
-    ):
-        if (
-            own is not None
-            and theirs is not None
-            and abs(own - theirs) > SAME * own
-        ):
-            return f"measured at {own:g} {unit}, the result is at {theirs:g} {unit}"
+    if why := _elsewhere(data.load, data.temperature, ageing):
+        return f"measured {why}"
     for quantity in (data.quantity, *UNIT):
         load = ageing.load if np.isfinite(ageing.load) else None
         there = data.as_quantity(quantity, load)  # pyright: ignore[reportArgumentType]
@@ -288,3 +365,18 @@ def _model(
         if there is not None and curve is not None:
             return there, _Model.of(curve, there.hold_times)
     return "the result has no friction against hold time"
+
+
+def _elsewhere(
+    load: float | None, temperature: float | None, ageing: Ageing
+) -> str:
+    """That a result is at another load or temperature, in words."""
+    for own, theirs, unit in (
+        (load, ageing.load, "nN"),
+        (temperature, ageing.chemistry.get("temperature"), "K"),
+    ):
+        if own is None or theirs is None:
+            continue
+        if abs(own - theirs) > SAME * own:
+            return f"at {own:g} {unit}, the result is at {theirs:g} {unit}"
+    return ""

@@ -440,11 +440,13 @@ class Scene(Section):
     def coarser(self, factor: int) -> Self | None:
         """The scene with the contact on pixels ``factor`` times larger and the sites where they are; None where its
         surface has no coarser grid. Sites that are pixels get the density of the scene's own pixels."""
-        if not self.contact.gives_map:
-            return None
+        maker = self.surface.coarser(factor) if self.contact.gives_map else None
+        return None if maker is None else self.on(maker)
+
+    def on(self, maker: SurfaceMaker) -> Self | None:
+        """The scene on the pixels of ``maker``, which makes the same surface; None where its own are not known."""
         expected = self.surface.expected()
-        maker = self.surface.coarser(factor)
-        if maker is None or "pixel_size" not in expected:
+        if "pixel_size" not in expected:
             return None
         update: Data = {"surface": maker}
         if self.chemistry is not None and self.chemistry.site_density == "pixel":

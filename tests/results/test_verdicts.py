@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from inferring import Ageing, Curve, CurveError, by_name, result_of, verdict
+from inferring import Ageing, Curve, CurveError, between, by_name, result_of, verdict
 from made_inference import made_inference
 
 import chemage as ca
@@ -95,6 +97,51 @@ def test_a_run_of_few_replicas_tells_a_false_model():
     assert share_that_differs(5, 0.01, factor=1.3, trials=20) > 0.8
 
 
+def beside(one, other, load=50.0):
+    """The verdict of two runs with these replicas."""
+    runs = []
+    for curves, name in ((one, "one"), (other, "other")):
+        curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
+        runs.append(SimpleNamespace(name=name, ageing=Ageing(load=load), curves={"friction_drop": curve}))
+        load = 50.0
+    return between(*runs)
+
+
+@pytest.mark.parametrize(
+    "counts", [(5, 5), pytest.param((2, 30), marks=pytest.mark.long), pytest.param((2, 2), marks=pytest.mark.long)]
+)
+def test_two_runs_of_one_model_differ_as_rarely_as_is_said(counts):
+    """One in twenty at most: of 60, eight or more would be one case in a hundred; none surely."""
+    chances = []
+    for seed in range(60):
+        rng = np.random.default_rng([7, seed])
+        chances.append(beside(*(run_of(rng, count) for count in counts)).chance)
+    assert np.mean(np.array(chances) < 0.05) < 8 / 60
+    assert min(chances) > 1e-4
+
+
+def test_two_runs_of_other_models_differ():
+    rng = np.random.default_rng(8)
+    found = beside(run_of(rng, 10), 1.3 * run_of(rng, 10))
+    assert found.verdict.startswith("differs: the same shape, but its values are 1.")
+    assert (found.measured, found.result) == ("other", "one")
+    assert "at 50 nN, the result is at 20 nN" in beside(run_of(rng, 5), run_of(rng, 5), load=20.0).verdict
+    assert "a single replica has no error" in beside(run_of(rng, 5), run_of(rng, 1)).verdict
+
+
+def test_replicas_that_are_equal_by_chance_are_no_certainty():
+    """Two replicas of whole numbers of bonds: equal at the last hold time in one case of thirty."""
+    rng = np.random.default_rng(9)
+    curves = run_of(rng, 2)
+    curves[1, -1] = curves[0, -1]
+    found = CurveError.of([curves], curves.mean(axis=0))
+    assert found.variance > 0
+    truth = curves.mean(axis=0) + 30.0
+    data = ca.Measurements("afm", TIMES, truth, "friction_drop", 0.002 * truth)
+    curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
+    assert verdict(data, "run", Ageing(load=50.0), {"friction_drop": curve}).chance > 1e-3
+
+
 def test_the_covariance_of_a_run_is_that_of_independent_sites():
     """N p(t) (1 − p(u)) of the bonds at t ≤ u, over the number of replicas."""
     curves = run_of(np.random.default_rng(1), 400)
@@ -113,7 +160,7 @@ def test_the_error_of_a_mean_over_terms_is_the_sum_of_theirs():
     both = CurveError.of([first, second], mean)
     single = [CurveError.of([one], mean) for one in (first, second)]
     assert both.variance == pytest.approx(sum(one.variance for one in single))
-    assert 1 <= both.freedom <= 48
+    assert both.freedoms.tolist() == [39, 9]
 
 
 def test_replicas_and_surfaces_are_the_samples_of_their_curves(small_contact_run):

@@ -6,7 +6,7 @@ from chemage.ageing.covariance import CurveError
 from chemage.foundation import algebra
 from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
-from chemage.results.verdicts import verdict
+from chemage.results.verdicts import between, verdict
 from chemage_inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage_inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage_inference.open import effective, r_hat
@@ -17,8 +17,8 @@ drawn_errors, rank = _errors, _rank
 
 __all__ = [
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
-    "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "by_name", "calibrate", "drawn_errors", "effective",
-    "r_hat", "rank", "result_of", "verdict",
+    "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors",
+    "effective", "r_hat", "rank", "result_of", "verdict",
 ]  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,7 @@ CONTROL_PAYS = 0.5
 #: replicas of a sample whose contact takes all the time
 MOST_REPLICAS = 16
 #: the difference between two grids on one surface: its standard deviation over the mean with so many replicas, and the
-#: variance of one replica over that of the surfaces; as measured by ``tests/benchmarks/ensemble_estimates.py``
+#: variance of one replica over that of the surfaces; as measured on scenes 0 to 27 of ``tests/benchmarks/unseen_scenes.py``
 DIFFERENCE, DIFFERENCE_REPLICAS, REPLICA_SHARE = 0.008, 10, 3.0
 
 
@@ -156,6 +157,13 @@ def sketched(cheapest: Computation) -> Computation | None:
         scene.model_copy(update={"surface": maker, "hold": None}), cheapest.factor
     )
     return sketch if sketch.seconds <= CONTROL_PAYS * cheapest.seconds else None
+
+
+def miniature(cheapest: Computation) -> Computation | None:
+    """The same on the pixels of a sketch; None where the surface has no sketch."""
+    maker, scene = cheapest.scene.surface.sketch(), cheapest.scene
+    small = None if maker is None else scene.on(maker)
+    return None if small is None else estimated(small, cheapest.factor)
 
 
 def estimated(scene: Scene, factor: int) -> Computation:
@@ -483,11 +491,43 @@ class SurfaceLevel:
     ) -> None:
         self.name, self.parts, self._row = name, parts, row
         self._rows: list[np.ndarray] = []
+        self._contact: Any = None
 
     @property
     def cost(self) -> float:
         """CPU seconds of a sample."""
         return sum(part.computation.seconds for part in self.parts)
+
+    @property
+    def cost_here(self) -> float:
+        """The same on this machine."""
+        return sum(part.computation.seconds_here for part in self.parts)
+
+    @property
+    def words(self) -> str:
+        """What is computed, in words."""
+        return " minus ".join(part.computation.words for part in self.parts)
+
+    def on(self, computation: Computation) -> SurfaceLevel:
+        """The same level of another computation."""
+        series = SampleSeries(computation, level=self.parts[0].level, varied=True)
+        return SurfaceLevel(self.name, self._row, series)
+
+    def warm_up(self) -> None:
+        """Compile what the samples need."""
+        for part in self.parts:
+            part.computation.scene.warm_up()
+
+    def take(self, number: int) -> None:
+        """Compute a sample in this thread; replicas on one surface share its contact."""
+        for part in self.parts:
+            scene = part.computation.seeded(*part.seeds(number))
+            contact = None if part.varied else self._contact
+            found = run(
+                scene, threads=1, warn=False, members=False, contact=contact
+            )
+            self._contact = found.contact
+            part.receive(number, SurfaceSample.of(Outcome(found)))
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """(end − begin, quantities): those of the samples that are there."""

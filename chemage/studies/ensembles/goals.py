@@ -16,12 +16,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import percent
 from chemage.foundation.threads import available
-from chemage.lattices.independent import (
-    expected_kinetics,
-    rough_pressures,
-    smooth_pressures,
-)
-from chemage.scene.plan import Plan, cost, in_hours
+from chemage.scene.plan import cost, in_hours
 from chemage.scene.scene import (
     LEAST,
     SURFACES_LIMIT,
@@ -47,10 +42,8 @@ from chemage.studies.ensembles.quantities import (
 )
 from chemage.studies.trade import TradeMap
 
-#: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
+#: scatter of a quantity between surfaces over its mean, by which the first grid is chosen
 SCATTER = 0.05
-#: fewer bonds than 1 in this many are no answer, also where sites that interact form some more than is expected
-NO_BOND = 10.0
 
 
 def time_text(seconds: float) -> str:
@@ -169,24 +162,11 @@ class Request:
     def _refuse_unreachable(self) -> None:
         """Raise an InputError where what is asked has no answer, as far as that is known before."""
         total = NORMAL_LIMIT * self.approximation()
-        quantities, curve = self.quantities, self.quantities.curve
-        scatter = _replicas(self.scene, cost(self.scene), self)
-        bare = scatter**2 > NO_BOND * self.most
         for goal in self.goals:
             asked, column = (
                 f"accuracy.{goal.name} = {100 * goal.accuracy:g} %",
                 goal.column,
             )
-            on = (
-                bare[column : column + 1]
-                if column >= curve.start
-                else bare[curve][quantities.fitted]
-            )
-            if on.size and on.all():
-                raise InputError(
-                    f"{asked}: no bond is expected to form in time on {self.most:,} {self.counted}, so that its mean is 0 "
-                    "within its interval; ask at a later hold time or a higher temperature"
-                )
             if total[column] < goal.accuracy:
                 continue
             parts = {
@@ -266,8 +246,6 @@ class Request:
         many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
         surface, area = self.scene.surface, cost(self.scene).area_fraction
         means = {} if area is None else {"area_fraction": area}
-        scatter = surface.scatter(means)
-        spread = (scatter and scatter.relative) or SCATTER
         left = (min(goal.accuracy for goal in self.goals) / limit(math.inf)) ** 2
         fitted = self.quantities.has_beta
         names = {
@@ -283,12 +261,12 @@ class Request:
             alone = math.inf
             if error**2 < left:
                 alone = (
-                    max(stages.FIRST, spread**2 / (left - error**2)) * way.seconds
+                    max(stages.FIRST, SCATTER**2 / (left - error**2)) * way.seconds
                 )
             own = ways[-1].with_replicas(replicas_of_difference(ways[-1], way))
             both = own.seconds + way.with_replicas(own.replicas).seconds
             corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
-            many = max(stages.FIRST, spread**2 / left) * way.seconds
+            many = max(stages.FIRST, SCATTER**2 / left) * way.seconds
             return min(alone, many + corrections)
 
         return min(range(len(ways)), key=lambda number: seconds(ways[number]))
@@ -339,94 +317,3 @@ def with_request(
     if scene.ensemble is None and wish == EnsembleOptions():
         wish = None
     return scene.model_copy(update={"ensemble": wish, "accuracy": goals})
-
-
-@dataclass(frozen=True)
-class Scatters:
-    """Standard deviations over the mean that are expected, of each quantity; nan: not known."""
-
-    #: (quantities,) between surfaces
-    surfaces: np.ndarray
-    #: (quantities,) between replicas on one surface
-    replicas: np.ndarray
-    #: how that between surfaces is known, in words
-    source: str
-
-    @classmethod
-    def of(
-        cls, request: Request, costs: Plan, contact: Mapping[str, float]
-    ) -> Scatters:
-        """The scatter of what ``request`` averages, of which ``costs`` are the estimates and ``contact`` the expected
-        measures of the contact."""
-        quantities, scene = request.quantities, request.scene
-        curves, source = quantities.curve.stop, ""
-        surfaces = np.full(quantities.count, np.nan if request.random else 0.0)
-        scatter = scene.surface.scatter(contact) if request.random else None
-        if scatter is not None:
-            source = scatter.source
-            if scatter.relative is not None:
-                # the friction drop scatters as much as β does
-                surfaces[:curves] = scatter.relative
-        replicas = np.zeros(quantities.count)
-        replicas[:curves] = _replicas(scene, costs, request)
-        return cls(surfaces, replicas, source)
-
-    def sample(self, replicas: int) -> np.ndarray:
-        """(quantities,) between samples of ``replicas`` on each surface."""
-        return np.sqrt(self.surfaces**2 + self.replicas**2 / replicas)
-
-
-def is_about_zero(scatter: np.ndarray) -> np.ndarray:
-    """Whether a mean of this relative scatter is that of too few bonds for one in each of the first samples."""
-    return scatter**2 > stages.FIRST
-
-
-def _replicas(scene: Scene, costs: Plan, request: Request) -> np.ndarray:
-    """(β and hold times,) standard deviation between replicas over the mean: that of sites which react independently.
-
-    Of N sites that are bonded with the probability p(t), the bonds at t ≤ u have the covariance N p(t) (1 − p(u)).
-    """
-    quantities, chemistry, hold = request.quantities, scene.chemistry, scene.hold
-    first, times, fitted = (
-        quantities.curve.start,
-        quantities.hold_times,
-        quantities.fitted,
-    )
-    scatter = np.full(quantities.curve.stop, np.nan)
-    if (
-        chemistry is None
-        or hold is None
-        or costs.mean_pressure is None
-        or not costs.sites
-    ):
-        return scatter
-    if scene.ageing is not None and not scene.ageing.replicates:
-        return np.zeros(scatter.size)
-    spread = smooth_pressures if "radius" in costs.surface else rough_pressures
-    pressures = spread(costs.mean_pressure)
-    needed = {goal.column - first for goal in request.goals}
-    if first:
-        needed |= {*np.flatnonzero(fitted)}
-    bonded = np.full(times.size, np.nan)
-    for number in needed & {*range(times.size)}:
-        expected = expected_kinetics(
-            chemistry, pressures, float(times[number]), hold.temperature
-        )
-        bonded[number] = expected.bonded
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scatter[first:] = np.sqrt((1 - bonded) / (costs.sites * bonded))
-    if first:
-        share, x = bonded[fitted], np.log10(times[fitted])
-        x = x - x.mean()
-        earlier, later = (
-            np.minimum.outer(share, share),
-            np.maximum.outer(share, share),
-        )
-        variance = float(x @ (earlier * (1 - later)) @ x) / costs.sites
-        slope = float(x @ share)
-        # the quadrature of shares that are all 0 or all 1 rounds
-        if slope > 1e-12 * float(np.abs(x).sum()):
-            scatter[0] = math.sqrt(max(variance, 0.0)) / slope
-        elif not math.isnan(slope):
-            scatter[0] = math.inf
-    return scatter

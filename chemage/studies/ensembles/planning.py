@@ -1,23 +1,25 @@
-"""What an ensemble will do and cost, estimated before anything is computed.
+"""What an ensemble will do and cost, from a pilot: a few of its own samples, which are computed first.
 
-The rule that stops an ensemble says what it will do with samples that have exactly the expected mean and variance: the
-optimal allocation of multilevel Monte Carlo (Giles, Acta Numer. 24, 259 (2015)) with Student's limit.
+The rule that stops an ensemble is carried out many times, with the samples of the pilot and more of them, whose mean and
+covariance are drawn from what the pilot allows: Jeffreys' posterior of normal samples (Gelman et al., Bayesian Data
+Analysis, 3rd ed. (2013), section 3.6), which is as wide as Student's t and χ² of so few samples are.
 """
 
 from __future__ import annotations
 
 import math
+import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
 
-from chemage.foundation.text import percent
+from chemage.foundation.statistics import half_width
+from chemage.foundation.text import percent, plus_minus
 from chemage.foundation.threads import available
 from chemage.scene import plan as estimate
-from chemage.scene.plan import Plan
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles import stages
 from chemage.studies.ensembles.computations import (
@@ -26,48 +28,145 @@ from chemage.studies.ensembles.computations import (
     PROGRAM,
     REPLICA_SHARE,
     Computation,
+    SurfaceLevel,
     fitting,
+    miniature,
 )
-from chemage.studies.ensembles.goals import (
-    Request,
-    Scatters,
-    is_about_zero,
-    time_text,
-)
+from chemage.studies.ensembles.goals import Request, time_text
 from chemage.studies.ensembles.quantities import (
     RECORDED,
     declared_outputs,
-    limit,
     recorded_measures,
 )
 from chemage.studies.ensembles.running import Sampler
 
 #: probabilities at the ends of the ranges
 TAILS = (0.1, 0.9)
-#: correlation of the area of a sketch with what β has in common on a surface (``tests/benchmarks/sketches.py``)
-CORRELATION = 0.95
+#: samples of a pilot: at least, and at most, where they take less than PILOT seconds of CPU time together
+LEAST, MOST, PILOT = 3, 16, 0.5
+#: CPU seconds that the least samples of a level may take; above, a smaller grid takes their place, or nothing
+LONGEST = 5.0
+#: samples that members of barriers or of a surface are worth
+MEMBERS = 10
+#: times that the rule is carried out
+DRAWS = 60
+#: standard deviation of the logarithm of what is not measured: of a correction, and of a sample on another grid
+DOUBT = 0.7
+#: the same of the speed of a machine from one minute to the next
+UNEVEN = 0.15
+
+
+class _Measured(NamedTuple):
+    """What a pilot gives of a level."""
+
+    #: (n, quantities)
+    rows: np.ndarray
+    #: (n,) CPU seconds; () where they are estimated
+    seconds: list[float]
+    #: whether these are samples of the ensemble itself
+    own: bool = True
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Real samples of the levels of an ensemble."""
+
+    #: by the name of the stage, as far as they are cheap
+    levels: dict[str, _Measured]
+    #: how the number of samples is known, in words
+    source: str
+
+    @classmethod
+    def of(cls, levels: Sequence[Any], varied: bool, longest: float) -> Pilot:
+        """Take samples of ``levels``, of which the first decides; ``longest`` (CPU s) is allowed for the least."""
+        found, source = {}, ""
+        for level in levels:
+            seconds = _timed(level, longest)
+            if seconds:
+                rows = level.sample(0, len(seconds))
+                found[level.name] = _Measured(rows, seconds)
+            elif level is levels[0]:
+                small = miniature(level.parts[0].computation) if varied else None
+                on = None if small is None else level.on(small)
+                seconds = [] if on is None else _timed(on, longest)
+                if on is None or len(seconds) < LEAST:
+                    need = time_text(LEAST * level.cost_here)
+                    return cls(
+                        {},
+                        f"a pilot of {LEAST} would take about {need} of CPU time",
+                    )
+                rows, source = on.sample(0, len(seconds)), f", on {on.words}"
+                found[level.name] = _Measured(rows, [], own=False)
+        count = len(found[levels[0].name].rows)
+        counted = "surfaces" if varied else "replicas"
+        return cls(found, f"from a pilot of {count} {counted}{source}")
+
+
+def _timed(level: SurfaceLevel, longest: float) -> list[float]:
+    """Take samples of a level; CPU seconds of each, none where they are expected to take too long."""
+    seconds: list[float] = []
+    if LEAST * level.cost_here > longest:
+        return seconds
+    level.warm_up()
+    while len(seconds) < MOST and (len(seconds) < LEAST or sum(seconds) < PILOT):
+        begin = time.process_time()
+        level.take(len(seconds))
+        seconds.append(time.process_time() - begin)
+        if max(seconds) > 2 * longest:  # the estimate was wrong
+            break
+    return seconds
+
+
+class _Drawn:
+    """Rows that a pilot allows: its own, and more with a mean and a covariance that are drawn."""
+
+    def __init__(
+        self, rows: np.ndarray, rng: np.random.Generator, *, own: bool
+    ) -> None:
+        """``rows`` (n, columns) of a pilot; ``own``: they are the first ones."""
+        count, columns = rows.shape
+        mean, away = rows.mean(axis=0), rows - rows.mean(axis=0)
+        square = away.T @ away
+        square[np.diag_indices(columns)] *= 1 + 1e-9
+        square[np.diag_indices(columns)] += 1e-300
+        # Bartlett's factor of a Wishart matrix
+        freedoms = np.maximum(count - 1 - np.arange(columns), 1)
+        bartlett = np.tril(rng.standard_normal((columns, columns)), -1)
+        bartlett += np.diag(np.sqrt(rng.chisquare(freedoms)))
+        self._factor = np.linalg.solve(bartlett, np.linalg.cholesky(square).T)
+        self._mean = mean + rng.standard_normal(columns) @ self._factor / math.sqrt(
+            count
+        )
+        self._rng = rng
+        self.rows = rows if own else np.zeros((0, columns))
+
+    def upto(self, count: int) -> np.ndarray:
+        """(count, columns)"""
+        more = max(0, count - len(self.rows))
+        drawn = self._mean + self._rng.standard_normal((more, self._mean.size)) @ (
+            self._factor
+        )
+        self.rows = np.concatenate([self.rows, drawn])
+        return self.rows[:count]
 
 
 @dataclass
-class _ExpectedLevel:
-    """A level of which any four samples have the mean and the variance that are expected."""
+class _DrawnLevel:
+    """A level whose samples are drawn."""
 
+    #: as estimated, by which the rule decides, and as measured
     cost: float
-    mean: float
-    #: (quantities,)
-    deviation: np.ndarray
-    #: (quantities,) with what the levels of a surface have in common
-    correlation: np.ndarray
+    seconds: float
+    drawn: _Drawn
+    columns: slice
     name: str = ""
     parts: tuple[Any, ...] = ()
+    taken: int = 0
 
     def sample(self, begin: int, end: int) -> np.ndarray:
         """See :class:`chemage.studies.ensembles.stages.Level`."""
-        number = np.arange(begin, end)[:, None]
-        common, own = 1 - 2 * (number % 2), 1 - 2 * (number // 2 % 2)
-        return self.mean + self.deviation * (
-            self.correlation * common + np.sqrt(1 - self.correlation**2) * own
-        )
+        self.taken = max(self.taken, end)
+        return self.drawn.upto(end)[begin:, self.columns]
 
 
 @dataclass(frozen=True)
@@ -80,113 +179,215 @@ class Expectation:
     wall_seconds: float
     #: of the samples of the first level, in 80 % of cases
     range: tuple[int, int]
+    #: of the CPU seconds
+    cpu_range: tuple[float, float]
     #: quantity -> half the width of its interval over its mean
     intervals: dict[str, float] = field(default_factory=dict)
     #: why the accuracy is not reached: ``time``, or that of :class:`chemage.studies.ensembles.stages.Unreachable`
     reason: str = ""
     #: samples of the control
     sketches: int = 0
+    #: what is doubtful about it, in words
+    doubts: tuple[str, ...] = ()
 
     @classmethod
-    def counted(
-        cls, count: int, seconds: float, workers: int, **more: Any
-    ) -> Expectation:
-        """Of a number of samples that is known, each of which takes ``seconds``."""
-        return cls(
-            (count,),
-            count * seconds,
-            count * seconds / min(workers, count),
-            (count, count),
-            **more,
-        )
+    def counted(cls, count: int, seconds: float, workers: int) -> Expectation:
+        """Of a number of samples that is known, each of which is estimated to take ``seconds``."""
+        cpu, wall = count * seconds, count * seconds / min(workers, count)
+        return cls((count,), cpu, wall, (count, count), (cpu, cpu))
+
+
+class _Forecast:
+    """Carries out the rule with samples that a pilot allows."""
+
+    def __init__(
+        self,
+        request: Request,
+        routes: Sequence[stages.Route],
+        pilot: Pilot,
+        workers: int,
+        before: float,
+    ) -> None:
+        """``before``: CPU seconds of what is computed before the samples."""
+        self.request, self.routes, self.pilot = request, routes, pilot
+        times = pilot.levels[routes[0].levels[0].name].seconds
+        if len(times) > 1 and not request.random:  # their one contact
+            before += max(0.0, times[0] - float(np.mean(times[1:])))
+        self.workers, self.before = workers, before
+        self.columns = sorted(request.asked)
+        self.rows = pilot.levels[routes[0].levels[0].name].rows
+        self.mean = self.rows.mean(axis=0)
 
     @property
-    def cpu_range(self) -> tuple[float, float]:
-        """CPU seconds of as few, and of as many samples as the range says."""
-        each = self.cpu_seconds / self.samples[0]
-        return each * self.range[0], each * self.range[1]
+    def says_nothing(self) -> bool:
+        """Whether nothing follows from the samples of the pilot."""
+        rows = self.rows[:, self.columns]
+        same = (rows == rows[0]).all(axis=0)
+        return len(rows) < 2 or not np.isfinite(rows).all() or bool(same.any())
 
+    def doubts(self) -> tuple[str, ...]:
+        """What the pilot leaves open, in words."""
+        count, doubts = len(self.rows), []
+        of = f"the {count} samples of the pilot"
+        for column, name in self.request.asked.items():
+            values = self.rows[:, column]
+            if count < 2:
+                doubts.append("the pilot has a single sample, which took too long")
+            elif not np.isfinite(values).all():
+                doubts.append(f"{name}: not all of {of} have it")
+            elif (values == values[0]).all():
+                doubts.append(f"{name}: {of} are equal, {values[0]:.4g}")
+            elif (half := float(half_width(values))) >= abs(values.mean()):
+                text = plus_minus(float(values.mean()), half, "")
+                doubts.append(
+                    f"{name} cannot be told from zero: it is {text} in {of}"
+                )
+        return tuple(doubts)
 
-def _expected_of(
-    request: Request,
-    routes: Sequence[stages.Route],
-    expected: Scatters,
-    mean: np.ndarray,
-    workers: int,
-    budget: float,
-) -> Expectation:
-    """What the rule does with samples that scatter exactly as is expected; ``mean`` (quantities,) is what errors of
-    coarse grids may depend on."""
-    columns = sorted(request.asked)
-    scatter = expected.sample(routes[0].levels[0].parts[0].computation.replicas)[
-        columns
-    ]
-    none, one = np.zeros(len(columns)), np.ones(1)
-    correlation = CORRELATION * expected.surfaces[columns] / scatter
-    first = _ExpectedLevel(routes[0].levels[0].cost, 1.0, scatter, correlation)
-    drawn = []
-    for route in routes:
-        levels = [first]
-        for correction in route.levels[1:]:
-            per_surface = (
-                1 + REPLICA_SHARE / correction.parts[0].computation.replicas
-            )
-            change = DIFFERENCE * math.sqrt(
-                per_surface / (1 + REPLICA_SHARE / DIFFERENCE_REPLICAS)
-            )
-            levels.append(
-                _ExpectedLevel(
-                    correction.cost, 0.0, np.full(len(columns), change), none
+    def drawn(self, rng: np.random.Generator) -> list[stages.Route]:
+        """The routes with levels whose samples are drawn."""
+        level, control = self.routes[0].levels[0], self.routes[0].control
+        pairs = self.rows[:, self.columns]
+        sketches = None
+        if control is not None:
+            sketches = self.pilot.levels.get(control.name)
+        if sketches is not None:
+            both = min(len(pairs), len(sketches.rows))
+            pairs = np.hstack([pairs[:both], sketches.rows[:both]])
+        own = self.pilot.levels[level.name].own
+        values = _Drawn(pairs, rng, own=own)
+        some = slice(0, len(self.columns))
+        first = self._level(level, values, some, rng)
+        drawn = []
+        for route in self.routes:
+            levels = [first]
+            for more in route.levels[1:]:
+                change = self.pilot.levels.get(more.name)
+                differences = self._unmeasured(more, rng)
+                if change is not None:
+                    differences = change.rows[:, self.columns]
+                others = _Drawn(differences, rng, own=change is not None)
+                levels.append(self._level(more, others, some, rng))
+            known = route.known(self.mean)[self.columns]
+            beside = None
+            if control is not None and sketches:
+                last = slice(len(self.columns), None)
+                beside = self._level(control, values, last, rng)
+            drawn.append(
+                stages.Route(
+                    route.name, tuple(levels), lambda _, known=known: known, beside
                 )
             )
-        known, control = route.known(mean)[columns], None
-        if route.control is not None:
-            control = _ExpectedLevel(route.control.cost, 1.0, one, one)
-        drawn.append(
-            stages.Route(
-                route.name, tuple(levels), lambda _, known=known: known, control
-            )
+        return drawn
+
+    def _level(
+        self,
+        level: Any,
+        drawn: _Drawn,
+        columns: slice,
+        rng: np.random.Generator,
+    ) -> _DrawnLevel:
+        measured = self.pilot.levels.get(level.name)
+        times = measured.seconds if measured is not None else []
+        seconds, error = level.cost_here, DOUBT
+        if times:
+            # the first sample prepares the others
+            kept = np.array(times[1:] if len(times) > 2 else times)
+            seconds = float(kept.mean())
+            error = math.hypot(UNEVEN, kept.std() / seconds / math.sqrt(kept.size))
+        seconds *= math.exp(error * rng.standard_normal())
+        return _DrawnLevel(level.cost, seconds, drawn, columns, level.name)
+
+    def _unmeasured(self, level: Any, rng: np.random.Generator) -> np.ndarray:
+        """Differences between grids as they were measured on other surfaces."""
+        replicas = level.parts[0].computation.replicas
+        each, others = (
+            1 + REPLICA_SHARE / count for count in (replicas, DIFFERENCE_REPLICAS)
         )
-    clock = stages.Clock(budget, now=lambda: 0.0)
-    clock.now = lambda: clock.cost / workers
-    accuracy, reason = request.accuracy()[columns], ""
-    try:
-        state = stages.run_stages(drawn, accuracy, most=request.most, clock=clock)
+        change = DIFFERENCE * math.sqrt(each / others) * self.mean[self.columns]
+        change = change * math.exp(DOUBT * rng.standard_normal())
+        return change * rng.standard_normal((LEAST, change.size))
+
+    def once(
+        self, rng: np.random.Generator
+    ) -> tuple[stages.SamplingState, str, list[int] | None, float]:
+        """What one set of samples leads to: the last state, why it does not reach the accuracy, the samples that are
+        needed, and CPU seconds."""
+        request, routes = self.request, self.drawn(rng)
+        levels: dict[str, Any] = {
+            level.name: level
+            for route in routes
+            for level in (*route.levels, route.control)
+            if level is not None
+        }
+
+        def spent() -> float:
+            taken = sum(one.taken * one.seconds for one in levels.values())
+            return self.before + taken
+
+        clock = stages.Clock(
+            math.inf if request.budget is None else request.budget,
+            now=lambda: spent() / self.workers,
+        )
+        accuracy = request.accuracy()[self.columns]
+        if request.surfaces is not None:
+            first = routes[0].levels[0]
+            values = first.sample(0, request.surfaces)
+            one, asked = (
+                stages.Sampled(first, values),
+                np.zeros(accuracy.size, bool),
+            )
+            state = stages.SamplingState(routes[0], [one], asked)
+            return state, "", state.counts, spent()
+        try:
+            state = stages.run_stages(
+                routes, accuracy, most=request.most, clock=clock
+            )
+        except stages.Unreachable as error:
+            needed, seconds = error.needed, spent()
+            if needed:
+                each = [
+                    levels[one.level.name].seconds for one in error.state.sampled
+                ]
+                seconds = float(np.dot(needed[: len(each)], each[: len(needed)]))
+            return error.state, error.reason, needed, seconds
         reason = "" if state.reached(accuracy) else "time"
-        counts = state.counts
-    except stages.Unreachable as error:
-        state, reason = error.state, error.reason
-        counts = error.needed or state.counts
-    # what was tried and left costs, too
-    cpu = max(
-        clock.cost,
-        sum(count * cost for count, cost in zip(counts, state.costs, strict=True)),
-    )
-    freedom = state.sampled[0].freedom
-    # the number of samples goes with the variance, as it is measured with these degrees of freedom
-    shares = (
-        2 * special.gammaincinv(freedom / 2, TAILS) / freedom
-        if reason != "time"
-        else np.ones(2)
-    )
-    needed = (
-        counts[0]
-        if reason
-        else counts[0] * float(np.max(state.relative() / accuracy)) ** 2
-    )
-    low, high = (
-        max(stages.FIRST, round(share * needed)) for share in shares.tolist()
-    )
-    half = dict(zip(columns, state.relative().tolist(), strict=True))
-    return Expectation(
-        samples=tuple(counts[: len(counts) - state.controlled]),
-        cpu_seconds=cpu,
-        wall_seconds=cpu / min(workers, counts[0]),
-        range=(low, high),
-        intervals={name: half[column] for column, name in request.asked.items()},
-        reason=reason,
-        sketches=counts[-1] if state.controlled else 0,
-    )
+        return state, reason, state.counts, spent()
+
+    def expectation(self) -> Expectation:
+        """Of many such sets."""
+        found = [
+            self.once(np.random.default_rng([20261127, number]))
+            for number in range(DRAWS)
+        ]
+        reason, times = Counter(one[1] for one in found).most_common(1)[0]
+        if times < DRAWS / 2:
+            reason = ""
+        # what no number of samples reaches takes all that are allowed
+        counts = np.array(
+            [self.request.most if one[2] is None else one[2][0] for one in found]
+        )
+        seconds = np.array([one[3] for one in found])
+        middle = found[int(np.argsort(counts, kind="stable")[DRAWS // 2])]
+        alike = [one for one in found if one[1] == reason] or found
+        halves = np.median([one[0].relative() for one in alike], axis=0).tolist()
+        half = dict(zip(self.columns, halves, strict=True))
+        state, _, needed, _ = middle
+        low, high = np.quantile(counts, TAILS).tolist()
+        samples = needed or state.counts
+        least, cpu, most = np.quantile(seconds, (TAILS[0], 0.5, TAILS[1])).tolist()
+        return Expectation(
+            samples=tuple(samples[: len(samples) - state.controlled]),
+            cpu_seconds=cpu,
+            wall_seconds=cpu / min(self.workers, samples[0]),
+            range=(math.floor(low), math.ceil(high)),
+            cpu_range=(least, most),
+            intervals={
+                name: half[column] for column, name in self.request.asked.items()
+            },
+            reason=reason,
+            sketches=samples[-1] if state.controlled else 0,
+        )
 
 
 @dataclass(frozen=True)
@@ -202,8 +403,6 @@ class EnsemblePlan:
     levels: tuple[tuple[Computation, ...], ...]
     #: the computation of the area of the contact of a sketch, where there may be one
     control: Computation | None
-    #: scatter that is expected
-    scatters: Scatters
     #: what the rule is expected to do; None: not known before the first samples are computed
     foreseen: Expectation | None
     #: how that is known, in words
@@ -259,8 +458,10 @@ class EnsemblePlan:
                 f"{time_text(first)}, which is longer than the budget of {budget:g} s"
             )
         seen = self.foreseen
-        if seen is not None and asked.goals and seen.reason:
-            notes.append(self._unreached(seen))
+        if seen is not None:
+            notes += seen.doubts
+            if asked.goals and seen.reason:
+                notes.append(self._unreached(seen))
         return notes
 
     def _unreached(self, seen: Expectation) -> str:
@@ -269,8 +470,8 @@ class EnsemblePlan:
             return f"{names}: the time will be over before; {_intervals(seen)} is expected then"
         if seen.reason == "zero":
             return (
-                f"{names}: its mean is expected to be 0 within its interval, {self.reason}; ask at other hold times, "
-                "or another temperature"
+                f"{names}: its mean is expected to be 0 within its interval; ask at other hold times, or another "
+                "temperature"
             )
         needed = max(seen.samples) if seen.reason == "most" else None
         return self.request.refusal(needed, seen.cpu_seconds)
@@ -404,7 +605,8 @@ class EnsemblePlan:
             )
         else:
             low, high = seen.range
-            spread = f" ({low} to {high})" if low < high else ""
+            more = " or more" if high >= asked.most else ""
+            spread = f" ({low} to {high}{more})" if low < high else ""
             rows.append((number, f"{seen.samples[0]}{spread}, {self.reason}"))
             if seen.intervals:
                 rows.append(("expected interval", _intervals(seen)))
@@ -463,8 +665,8 @@ def _intervals(seen: Expectation) -> str:
     )
 
 
-def plan(scene: Scene) -> EnsemblePlan:
-    """Foresee the ensemble that ``scene`` asks for.
+def plan(scene: Scene, longest: float = LONGEST) -> EnsemblePlan:
+    """Foresee the ensemble that ``scene`` asks for, from a pilot of it that takes ``longest`` (CPU s) or about so long.
 
     Raises
     ------
@@ -475,7 +677,11 @@ def plan(scene: Scene) -> EnsemblePlan:
         single = estimate.plan(scene)
         sampler = Sampler(scene, warn=False)  # the plan has the doubts as notes
         request = sampler.request
-        first, *_ = stated = tuple(request.computations())
+        stated = tuple(request.computations())
+        begin = time.process_time()
+        if MEMBERS * stated[0].seconds_here < longest:
+            sampler.measure_members()
+        before = time.process_time() - begin
         routes = sampler.possible_routes()
         levels = tuple(
             tuple(part.computation for part in level.parts)
@@ -483,84 +689,41 @@ def plan(scene: Scene) -> EnsemblePlan:
         )
         control = routes[0].control
         sketch = None if control is None else control.parts[0].computation
-        costs = estimate.cost(scene)
-        expected = Scatters.of(request, costs, single.numbers)
-        seen, reason = _expectation(request, routes, costs, expected, first)
-        if seen is not None:
-            cpu, wall = (
-                seen.cpu_seconds * first.scale,
-                seen.wall_seconds * first.scale,
-            )
-            seen = replace(seen, cpu_seconds=cpu, wall_seconds=wall)
-    return EnsemblePlan(
-        single, request, stated, levels, sketch, expected, seen, reason
-    )
+        seen, reason = _foreseen(request, routes, stated[0], longest, before)
+    return EnsemblePlan(single, request, stated, levels, sketch, seen, reason)
 
 
-def _expectation(
+def _foreseen(
     request: Request,
     routes: Sequence[stages.Route],
-    costs: Plan,
-    expected: Scatters,
     first: Computation,
+    longest: float,
+    before: float,
 ) -> tuple[Expectation | None, str]:
-    """What the rule is expected to do, and how that is known; ``first`` is the cheapest computation, in whose seconds
-    all times are."""
-    quantities, workers, budget = request.quantities, available(), math.inf
-    scatter = expected.sample(first.replicas)[sorted(request.asked)]
-    zero = is_about_zero(scatter)
-    if (count := request.surfaces) is not None:
-        half = limit(count - 1) * float(scatter[0]) / math.sqrt(count)
-        known = math.isfinite(half) and not zero[0]
-        intervals = {quantities.names[0]: half} if known else {}
-        seen = Expectation.counted(
-            count, first.seconds, workers, intervals=intervals
-        )
-        return seen, "as asked for"
-    workers, timed = fitting(first, workers), stages.FIRST
+    """What the rule is expected to do, and how that is known."""
+    workers, timed = fitting(first, available()), stages.FIRST
+    sampled = [*routes[-1].levels]
+    if routes[0].control is not None:
+        sampled.append(routes[0].control)
+    pilot = Pilot.of(sampled, request.random, longest)
     if request.budget is not None:
-        budget = request.budget / first.scale
-        timed = max(timed, int(workers * budget / first.seconds))
-    why = _why(request, expected, first.replicas)
-    if np.any(zero):
-        return Expectation.counted(
-            timed, first.seconds, workers, reason="zero"
-        ), why
-    if np.isfinite(scatter).all():
-        # of all but the area only the relative scatter counts
-        mean = np.ones(quantities.count)
-        mean[quantities.curve.stop :] = np.nan
-        if (
-            costs.area_fraction is not None
-            and "area_fraction" in quantities.measures
-        ):
-            mean[quantities.column("area_fraction")] = costs.area_fraction
-        return _expected_of(request, routes, expected, mean, workers, budget), why
-    if request.budget is not None and not request.goals:
-        seen = Expectation.counted(timed, first.seconds, workers)
-        return seen, "as many as the time allows"
-    source = f": {expected.source}" if expected.source else ""
-    return (
-        None,
-        f"the scatter between {request.counted} is not known before{source}",
-    )
-
-
-def _why(request: Request, expected: Scatters, replicas: int) -> str:
-    """How the expected number is known, in words."""
-    scatter = expected.sample(replicas)
-    column, name = max(request.asked.items(), key=lambda item: scatter[item[0]])
-    if not is_about_zero(scatter[column]):
-        by = ", as of sites that react independently"
-        if expected.source:
-            by = f": {expected.source}"
-        return f"from a scatter of {name} of {percent(float(scatter[column]))}{by}"
-    quantities = request.quantities
-    when = f"until {name.partition('@')[2] or f'{quantities.hold_times[-1]:g} s'}"
-    if name == "beta":
-        when = "between {:g} and {:g} s".format(*quantities.window)
-    text = (
-        f"since hardly a bond is expected to form {when}, so that {name} is about 0"
-    )
-    timed = request.budget is not None and not request.goals
-    return f"as many as the time allows, {text}" if timed else text
+        timed = max(timed, int(workers * request.budget / first.seconds_here))
+    asked_for = request.surfaces or (not request.goals and timed) or 0
+    if not pilot.levels:
+        if not asked_for:
+            return None, pilot.source
+        each = first.seconds_here
+        seen = Expectation.counted(asked_for, each, workers)
+        how = "as asked for" if request.surfaces else "as many as the time allows"
+        return seen, f"{how}; {pilot.source}"
+    forecast = _Forecast(request, routes, pilot, workers, before)
+    doubts = forecast.doubts()
+    source = "as asked for" if request.surfaces else pilot.source
+    if not forecast.says_nothing:
+        return replace(forecast.expectation(), doubts=doubts), source
+    zero = "zero" if np.any(forecast.mean[forecast.columns] == 0) else ""
+    if not (asked_for or zero):
+        return None, doubts[0]
+    each = first.seconds_here
+    seen = Expectation.counted(asked_for or stages.FIRST, each, workers)
+    return replace(seen, reason=zero, doubts=doubts), source

@@ -231,7 +231,7 @@ class Sampler(Design):
         """
         with self.scene.in_use():
             if self._rule is None:
-                self._measure_members()
+                self.measure_members()
                 routes = self.possible_routes()
                 self._route, self._levels = routes[0], routes[0].levels
                 self._rule = self._steps(routes)
@@ -345,7 +345,7 @@ class Sampler(Design):
 
     # -- errors that are known before ---------------------------------------------------------------------------------
 
-    def _measure_members(self) -> None:
+    def measure_members(self) -> None:
         """Age members of the distribution of barriers on the first surface, and compute those of the surface, where
         there are some."""
         cheapest = self.request.computations()[0]

@@ -214,7 +214,7 @@ class Outdated:
 #: the folder of samples within that of a sweep
 SAMPLES = "samples"
 #: means that are planned to foresee what all of them cost
-PLANNED = 20
+PLANNED = 5
 
 
 class Points(Design):

@@ -212,7 +212,9 @@ def test_check_foresees_a_number_of_surfaces(command, scene):
     assert "40, as asked for" in done.out
     found = json.loads(command("check", scene, "--surfaces", 40, "--json").out)["ensemble"]
     (one,) = found["computations"]
-    assert found["cpu_seconds"] == pytest.approx(40 * one["cpu_seconds"])
+    # measured in a pilot, of which this is an estimate
+    low, high = found["cpu_seconds_range"]
+    assert 0 < low < found["cpu_seconds"] < high < 40 * 20 * one["cpu_seconds"]
 
 
 def test_check_foresees_the_computations_of_an_accuracy(command, scene):
@@ -223,9 +225,7 @@ def test_check_foresees_the_computations_of_an_accuracy(command, scene):
     assert "the time will be over before" in done.out
     assert "warning: the first 6 surfaces, without which there is no interval, take about" in done.out
     done = command("check", scene, "--accuracy", "beta=2%")
-    assert "estimated from the spectrum" in done.out
-    done = command("check", scene, "--accuracy", "patches=2%")
-    assert "decided after the first 6" in done.out
+    assert "from a pilot of" in " ".join(done.out.split())
 
 
 def test_points_of_a_sweep_may_be_means(command, scene):

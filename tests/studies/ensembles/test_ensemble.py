@@ -171,7 +171,6 @@ ONE_TIME = {**ROUGH, "hold": {"start": 1.0, "stop": 1.0}}
         ({**TIP, "ageing": {"kind": "closure"}}, "friction_drop@1e4 s", "errors that no number of replicas makes smaller"),
         ({**ROUGH, "engine": {"kind": "guessing"}}, "friction_drop", "replace engine 'guessing' by an exact one, or give"),
         ({**TIP, "engine": {"kind": "guessing"}}, "friction_drop", "replace engine 'guessing' by an exact one"),
-        ({**ROUGH, "hold": {**ROUGH["hold"], "temperature": 100.0}}, "friction_drop", "ask at a later hold time or a"),
     ],
 )  # fmt: skip
 @pytest.mark.filterwarnings("ignore::chemage.PlanWarning")
