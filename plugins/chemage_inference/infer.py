@@ -40,6 +40,8 @@ from chemage_inference.problem import (
 from chemage_inference.result import Inference, scene_of
 from chemage_inference.sampling import CHAINS, Samples
 
+#: what is kept of each curve
+_STATED = ("name", "load", "temperature", "quantity", "instrument")
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
 #: width over k_BT of the range of barriers that react about one hold time: full width at half maximum of the
@@ -54,8 +56,6 @@ MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
-#: scale of the errors that is surely above this is named in a note
-NOTEWORTHY = 1.1
 #: relative standard error of a calibration at most: beyond, forces were not measured
 MOST_CALIBRATION = 0.5
 
@@ -328,7 +328,7 @@ def _inference(
         curves=tuple(
             {
                 name: getattr(curve, name)
-                for name in ("name", "load", "temperature", "quantity")
+                for name in _STATED
             }
             for curve in model.curves
         ),
@@ -353,6 +353,7 @@ def _inference(
             "scene": model.scene.todict(),
             "versions": versions(model.scene),
             "unknown": list(unknowns.bounds),
+            "robust": model.error_model.robust,
             "cite": _cite(model.scene),
         },
     )
@@ -452,10 +453,7 @@ def _notes(
     chi2, count = inference.chi2, problem.values.size
     if chi2 > 1.5 * count + 10:
         yield f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off"
-    for number, curve in enumerate(inference.curves):
-        scale = inference.error_terms.get(f"scale {number}")
-        if scale is not None and np.quantile(scale, 0.05) > NOTEWORTHY:
-            yield f"{curve['name']}: the scatter is {np.median(scale):.1f} times the stated errors; all bands contain it"
+    yield from inference.critic.notes()
     if suspects := inference.suspects():
         yield f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
 

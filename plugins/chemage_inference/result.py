@@ -33,6 +33,7 @@ from chemage.plugin import (
     text,
     units,
 )
+from chemage_inference.critic import Critic
 from chemage_inference.curves import MeasuredCurve
 from chemage_inference.forecast import (
     WIDE,
@@ -300,6 +301,11 @@ class Inference(Record):
             for number, about in enumerate(self.curves)
         )
 
+    @cached_property
+    def critic(self) -> Critic:
+        """What the residuals say: which undeclared trouble is likely, and which would go unnoticed."""
+        return Critic(self)
+
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Interval of a scalar unknown.
 
@@ -361,8 +367,11 @@ class Inference(Record):
             "versions": self.provenance.get("versions", {}),
             "seed": self.seed,
         }
-        forecaster = self._forecaster(there, checked_count("samples", samples))
-        return forecaster.forecast(load, temperature, hold_times, provenance)
+        rows = self._rows(checked_count("samples", samples))
+        forecaster = self._forecaster(there, rows)
+        made = forecaster.forecast(load, temperature, hold_times, provenance)
+        notes = self.critic.of_forecast(made.hold_times, made.samples, rows)
+        return made.model_copy(update={"notes": (*made.notes, *notes)})
 
     def next_experiment(
         self,
@@ -391,14 +400,16 @@ class Inference(Record):
             The candidates, each with ``reduction`` (expected reduction of the variance of the target, as a share of it)
             and ``deviation`` (standard deviation of the target afterwards).
         """
-        return self._forecaster(self.scene, 1000).ranked(
+        return self._forecaster(self.scene, self._rows(1000)).ranked(
             candidates, target, self.resolution, relative_error
         )
 
-    def _forecaster(self, scene: Scene, count: int) -> Forecaster:
-        rows = np.linspace(
-            0, len(self.samples) - 1, min(count, len(self.samples))
-        ).astype(int)
+    def _rows(self, count: int) -> np.ndarray:
+        """Numbers of up to ``count`` samples, evenly spaced."""
+        last = len(self.samples) - 1
+        return np.linspace(0, last, min(count, last + 1)).astype(int)
+
+    def _forecaster(self, scene: Scene, rows: np.ndarray) -> Forecaster:
         # the load is that of the forecast, whatever the stated ones were
         scalars = {
             name: values[rows]

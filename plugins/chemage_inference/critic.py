@@ -1,0 +1,319 @@
+"""The critic of an inference: which undeclared trouble most likely explains its residuals, and which it would miss.
+
+Near its posterior an inference is linear and normal: values are normal about what the prior of the density expects,
+with the covariance K + Σ. Posterior values of covariance V under the errors Σ tell K = (V⁻¹ − Σ⁻¹)⁻¹. A trouble changes
+values by an amplitude of standard deviation s times its signature v, and adds s² v vᵀ. What the density imitates of v is
+large in K, and counts for nothing. Troubles are compared by their evidence (Kass & Raftery, J. Am. Stat. Assoc. 90, 773
+(1995)). Groups of points are compared with what all others predict of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from chemage.plugin import KB
+from chemage_inference.noise import SPREAD, WIDER
+
+if TYPE_CHECKING:
+    from chemage_inference.result import Inference
+
+#: log odds against measurements without trouble from which one is named, and those by which it excludes others
+NAMED, CLOSE = 3.0, 2.0
+#: standard deviations of amplitudes over the typical one
+SPREADS = np.array([0.15, 0.4, 1.0, 2.5])
+#: errors over the stated ones, and their probabilities beside a trouble
+LARGER = np.array([1.0, 1.25, 1.5, 2.0, 3.0, 4.5])
+BESIDE = np.append(0.7, 0.3 * (lambda w: w / w.sum())(np.exp(-0.5 * (np.log(LARGER[1:]) / SPREAD) ** 2)))
+#: e-folds of the hold time over which errors may be correlated
+TIMES = (1.5, 5.0, 15.0)
+#: what the density takes of a combination of points, from which it takes all, and what that is in K
+TAKEN, ALL = 0.95, 1e4
+#: probability of the least probable group, times their number, below which it is named
+UNLIKELY = 0.002
+#: scale of the errors that is surely above this is named in a note
+NOTEWORTHY = 1.1
+#: share of the largest value from which a change that goes unnoticed is of any size
+ANY = 0.5
+#: kind -> in words, unit of the amplitude, typical amplitude, what admits it, and the error term that is there then
+TROUBLES: dict[str, tuple[str, str, float, str, str]] = {
+    "factor": ("a factor", "%", 10.0, 'calibration "force=10 %"', "calibration"),
+    "drift": ("a drift", "% per decade", 3.0, 'calibration "drift=3 %"', "drift"),
+    "offset": ("an offset", "nN", 0.05, 'calibration "offset=… nN"', "offset"),
+    "temperature": ("a wrong temperature", "K", 10.0, "the right one", "-"),
+    "interaction": ("barriers raised by bonded neighbours", "eV", 0.1, "[interaction]", "-"),
+    "outlier": ("a point that is off", "errors", 10.0, 'errors "robust"', "-"),
+    "correlated": ("correlated errors", "e-folds", 1.0, 'errors "correlated"', "correlation"),
+    "scaled": ("errors larger than stated", "times", 1.0, 'errors "scaled"', "scale"),
+}  # fmt: skip
+
+
+class Cause(NamedTuple):
+    """A trouble, and how the residuals support it."""
+
+    kind: str
+    #: the curve, instrument or point that has it; "": all
+    where: str
+    #: log odds against no trouble
+    odds: float
+    #: mean and standard deviation of the amplitude, in the unit of the kind; and the least that is named if it is there
+    amplitude: float
+    deviation: float
+    least: float
+    #: (m,) nN by which one unit changes the values
+    signature: np.ndarray
+
+    @property
+    def words(self) -> str:
+        word = TROUBLES[self.kind][0]
+        return f"{word} of {self.where}" if self.where else word
+
+    @property
+    def unit(self) -> str:
+        return TROUBLES[self.kind][1]
+
+
+def _log(covariance: np.ndarray, residual: np.ndarray) -> tuple[float, np.ndarray]:
+    """Log evidence but for a constant, and the inverse of the covariance."""
+    inverse = np.linalg.inv(covariance)
+    misfit = float(residual @ inverse @ residual)
+    return -0.5 * (float(np.linalg.slogdet(covariance)[1]) + misfit), inverse
+
+
+@dataclass(frozen=True, eq=False)
+class Critic:
+    """What the residuals of an inference say; arrays of points in stated errors, those of suspect points larger."""
+
+    one: Inference
+
+    @cached_property
+    def errors(self) -> np.ndarray:
+        """(m,) nN."""
+        one = self.one
+        off = 0.0 if one.off is None else one.off
+        stated = one.errors if one.stated_errors is None else one.stated_errors
+        return stated * (1 - off + off / WIDER**2) ** -0.5
+
+    @cached_property
+    def scales(self) -> np.ndarray:
+        """(m,) errors of the inference over :attr:`errors`."""
+        terms = self.one.error_terms
+        means = [np.exp(np.log(terms.get(f"scale {number}", [1.0])).mean()) for number in range(len(self.one.curves))]
+        return np.array(means)[self.one.curve]
+
+    def _near(self, time: float) -> np.ndarray:
+        """(m, m) correlation of errors along each curve over ``time`` e-folds; without it beyond 98 %."""
+        logs, curve = np.log(self.one.hold_times), self.one.curve
+        near = 0.98 * np.exp(-np.abs(logs[:, None] - logs) / time) * (curve[:, None] == curve)
+        return near + 0.02 * np.eye(logs.size)
+
+    @cached_property
+    def near(self) -> np.ndarray:
+        """(m, m) correlation of the errors of the inference."""
+        times = self.one.error_terms.get("correlation time")
+        return np.eye(self.errors.size) if times is None else self._near(float(np.median(times)))
+
+    @cached_property
+    def prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) values less those that the prior of the density expects, and (m, m) the covariance of these, K."""
+        root = np.linalg.cholesky(self.near)
+        away = np.vstack([self.one.values, self.one.fitted]) - self.one.fitted.mean(axis=0)
+        white = np.linalg.solve(root, (away / (self.errors * self.scales)).T)
+        taken, axes = np.linalg.eigh(white[:, 1:] @ white[:, 1:].T / max(len(away) - 2, 1))
+        share = 1 / (1 - np.clip(taken, 0, TAKEN))
+        residual, axes = share * (axes.T @ white[:, 0]), self.scales[:, None] * (root @ axes)
+        return axes @ residual, (axes * np.where(taken < TAKEN, share - 1, ALL)) @ axes.T
+
+    def _evidence(self, errors: np.ndarray) -> tuple[float, np.ndarray]:
+        residual, covariance = self.prior
+        return _log(covariance + errors, residual)
+
+    @cached_property
+    def _scaled(self) -> list[tuple[float, np.ndarray]]:
+        """Evidence of each of :data:`LARGER`."""
+        return [self._evidence(scale**2 * self.near) for scale in LARGER]
+
+    @cached_property
+    def groups(self) -> list[tuple[str, np.ndarray, float]]:
+        """All points, and names and (m,) points of instruments and curves, with their log prior probabilities."""
+        one, found = self.one, {"": np.ones(self.one.curve.size, bool)}
+        for key in ("instrument", "name"):
+            for about in one.curves:
+                here = [other.get(key, "") == about.get(key, "") for other in one.curves]
+                if not all(here):
+                    found.setdefault(about[key], np.array(here)[one.curve])
+        less = -np.log(len(found) - 1.0) if len(found) > 1 else 0.0
+        half = np.log(0.5) * (len(found) > 1)
+        return [(name, mask, half + less * (number > 0)) for number, (name, mask) in enumerate(found.items())]
+
+    def signatures(self) -> Iterator[tuple[str, str, np.ndarray, float, float]]:
+        """Kind, where, (m,) nN by one unit, typical amplitude, and log prior probability of each trouble."""
+        one, chemistry = self.one, self.one.scene.chemistry
+        assert chemistry is not None
+        values, decades = one.fitted.mean(axis=0), np.log10(one.hold_times)
+        slope, middle, top = (np.zeros(values.size) for _ in range(3))
+        for number in range(len(one.curves)):
+            here = np.flatnonzero(one.curve == number)
+            times, first = np.unique(decades[here], return_index=True)
+            middle[here] = (times[0] + times[-1]) / 2
+            same = [other["load"] == one.curves[number]["load"] for other in one.curves]
+            top[here] = values[np.array(same)[one.curve]].max()
+            if times.size > 1:
+                slope[here] = np.interp(decades[here], times, np.gradient(values[here][first], times * np.log(10)))
+        kelvin = np.array([about["temperature"] for about in one.curves])[one.curve]
+        lag = np.log(chemistry.attempt_frequency * one.hold_times)
+        shared = {
+            "factor": values / 100,
+            "drift": values * (decades - middle) / 100,
+            "offset": np.ones(values.size),
+            "temperature": slope * lag / kelvin,
+        }
+        for name, mask, prior in self.groups:
+            for kind, change in shared.items():
+                typical = TROUBLES[kind][2] * (np.abs(values).max() if kind == "offset" else 1.0)
+                if kind != "temperature" or not mask.all():
+                    yield kind, name, change * mask, typical, prior
+        if chemistry.interaction is None:
+            yield "interaction", "", -slope * values / (np.maximum(top, 1e-12) * KB * kelvin), 0.1, 0.0
+        if not one.provenance.get("robust", True):
+            for point, time in enumerate(one.hold_times):
+                where = f"{time:.3g} s of {one.curves[one.curve[point]]['name']}"
+                change = self.errors * (np.arange(values.size) == point)
+                yield "outlier", where, change, WIDER, -np.log(values.size)
+
+    @cached_property
+    def causes(self) -> list[Cause]:
+        """All troubles, the likeliest first."""
+        null, found = self._scaled[0][0], []
+        residual = self.prior[0]
+        for kind, where, change, typical, prior in self.signatures():
+            v, spreads = change / self.errors, (SPREADS * typical) ** 2
+            logs, means, deviations = [], [], []
+            for (log, inverse), weight in zip(self._scaled, BESIDE, strict=True):
+                u, q = v @ inverse @ residual, v @ inverse @ v
+                more = 1 + spreads * q
+                logs.append(np.log(weight / spreads.size) + log - 0.5 * np.log(more) + 0.5 * spreads * u**2 / more)
+                means.append(spreads * u / more)
+                deviations.append((spreads / more) ** 0.5)
+            odds = float(np.logaddexp.reduce(logs, axis=None))
+            share = np.exp(np.array(logs) - odds)
+            mean = float((share * means).sum())
+            spread = float((share * (np.square(deviations) + np.square(np.array(means) - mean))).sum()) ** 0.5
+            # neighbours raise barriers
+            odds = -np.inf if kind == "interaction" and mean < 0 else odds - null + prior
+            q = max(float(v @ self._scaled[0][1] @ v), 1e-300)
+            bar = NAMED - prior - np.log(BESIDE[0]) + 0.5 * np.log1p(typical**2 * q)
+            found.append(Cause(kind, where, odds, mean, spread, (2 * bar / q) ** 0.5, change))
+        return sorted([*found, *self._of_errors()], key=lambda cause: -cause.odds)
+
+    def _of_errors(self) -> Iterator[Cause]:
+        """Errors that are too small, or correlated."""
+        null = self._scaled[0][0]
+        for name, mask, prior in self.groups:
+            each = np.where(mask, LARGER[1:, None], 1.0)
+            logs = [self._evidence(self.near * np.outer(scales, scales))[0] for scales in each]
+            logs = np.array(logs) + np.log(BESIDE[1:] / BESIDE[1:].sum())
+            yield self._cause("scaled", name, logs, LARGER[1:], prior - null)
+        each = [(time, scale) for time in TIMES for scale in LARGER[[0, 2, 3, 4]]]
+        logs = [self._evidence(scale**2 * self._near(time))[0] for time, scale in each]
+        times = np.array([time for time, _ in each])
+        yield self._cause("correlated", "", np.array(logs) - np.log(len(each)), times, -null)
+
+    def _cause(self, kind: str, where: str, logs: np.ndarray, sizes: np.ndarray, prior: float) -> Cause:
+        total = float(np.logaddexp.reduce(logs))
+        share = np.exp(logs - total)
+        mean = float(share @ sizes)
+        deviation = float(share @ (sizes - mean) ** 2) ** 0.5
+        return Cause(kind, where, total + prior, mean, deviation, np.nan, np.zeros(self.errors.size))
+
+    @property
+    def named(self) -> list[Cause]:
+        """The likeliest cause and those that the data do not tell from it; empty where none is supported."""
+        best = self.causes[0].odds
+        return [cause for cause in self.causes if best >= NAMED and cause.odds > best - CLOSE]
+
+    def improbable(self) -> tuple[float, str]:
+        """The least probable group of points, given all others: its probability times the number of groups, and name.
+
+        Groups are curves, and the thirds of their hold times.
+        """
+        from scipy.special import chdtrc
+
+        inverse, found = self._scaled[0][1], []
+        away = inverse @ self.prior[0]
+        for number, about in enumerate(self.one.curves):
+            whole = np.flatnonzero(self.one.curve == number)
+            for part in (whole, *(part for part in np.array_split(whole, 3) if part.size)):
+                chi2 = away[part] @ np.linalg.solve(inverse[np.ix_(part, part)], away[part])
+                ends = self.one.hold_times[part[[0, -1]]]
+                name = f"{about['name']}, {ends[0]:.3g} to {ends[1]:.3g} s"
+                found.append((float(chdtrc(part.size, chi2)), name))
+        least, name = min(found)
+        return least * len(found), name
+
+    def notes(self) -> Iterator[str]:
+        """What the user should know."""
+        one, named = self.one, self.named
+        for number, about in enumerate(one.curves):
+            scale = one.error_terms.get(f"scale {number}")
+            if scale is not None and np.quantile(scale, 0.05) > NOTEWORTHY:
+                yield f"{about['name']}: the scatter is {np.median(scale):.1f} times the stated errors"
+        least, where = self.improbable()
+        if named:
+            best, *rivals = named
+            remedy, term = TROUBLES[best.kind][3:]
+            yield (
+                f"likeliest cause of the residuals: {' or '.join(cause.words for cause in named)}: the first is "
+                f"{best.amplitude:.2g} ± {best.deviation:.1g} {best.unit} (log odds {best.odds:.1f} against none)"
+            )
+            if any(name.startswith(term) for name in one.error_terms):
+                yield f"{best.words}: admitted"
+            else:
+                yield f"forecasts assume that there is none; admit it with {remedy}"
+        elif least < UNLIKELY:
+            yield f"{where}: improbable given all other points (p = {least:.1g}), and no known cause explains it"
+        missed = []
+        for cause in self.missed:
+            change = cause.least * np.abs(cause.signature).max()
+            size = f"up to {cause.least:.2g} {cause.unit}" if change < ANY * one.values.max() else "of any size"
+            missed.append(f"{cause.words} {size}")
+        yield f"would go unnoticed: {', '.join(missed)}"
+
+    @property
+    def missed(self) -> list[Cause]:
+        """Of each kind the trouble of all curves, or else of that curve where most would go unnoticed."""
+        found: dict[str, Cause] = {}
+        for cause in sorted(self.causes, key=lambda cause: (cause.where != "", -cause.least)):
+            if cause.signature.any() and cause.kind not in {one.kind for one in self.named}:
+                found.setdefault(cause.kind, cause)
+        found.pop("outlier", None)
+        return list(found.values())
+
+    def of_forecast(self, times: np.ndarray, samples: np.ndarray, rows: np.ndarray) -> Iterator[str]:
+        """Notes on how a forecast at ``times`` (k,), ``samples`` (S, k) of ``rows`` (S,), changes with troubles."""
+        middle, here = np.median(samples, axis=0), self.one.fitted[rows]
+        low, high = np.quantile(samples, [0.05, 0.95], axis=0)
+        half = np.maximum((high - low) / 2, 1e-6 * samples.max() + 1e-12)
+        unit = self.errors * self.scales
+        pulls = np.linalg.solve(np.outer(unit, unit) * self.near, (here - here.mean(axis=0)).T).T
+
+        def change(cause: Cause, amplitude: float) -> tuple[np.ndarray, int]:
+            along = pulls @ cause.signature @ (samples - samples.mean(axis=0)) / max(len(rows) - 1, 1)
+            return -amplitude * along / np.maximum(middle, half), int(np.abs(along / half).argmax())
+
+        # neighbours would change the forecast as well
+        for cause in self.named[:1]:
+            if cause.signature.any() and cause.kind != "interaction":
+                moved, at = change(cause, cause.amplitude)
+                yield f"{cause.words}, once admitted, changes ΔF at {times[at]:.3g} s by about {100 * moved[at]:+.0f} %"
+        for cause in self.missed:
+            moved, at = change(cause, cause.least)
+            if cause.kind != "interaction" and abs(moved[at]) * middle[at] > half[at]:
+                yield (
+                    f"{cause.words} that goes unnoticed, up to {cause.least:.2g} {cause.unit}, changes ΔF at "
+                    f"{times[at]:.3g} s by up to {100 * min(abs(moved[at]), 1):.0f} %, more than the band"
+                )
