@@ -1,10 +1,10 @@
 """The critic of an inference: which undeclared trouble most likely explains its residuals, and which it would miss.
 
-Near its posterior an inference is linear and normal: values are normal about what the prior of the density expects,
-with the covariance K + Σ. Posterior values of covariance V under the errors Σ tell K = (V⁻¹ − Σ⁻¹)⁻¹. A trouble changes
-values by an amplitude of standard deviation s times its signature v, and adds s² v vᵀ. What the density imitates of v is
-large in K, and counts for nothing. Troubles are compared by their evidence (Kass & Raftery, J. Am. Stat. Assoc. 90, 773
-(1995)). Groups of points are compared with what all others predict of them.
+Measured values are taken as normal: about the mean of the prior of the density, with the covariance of its samples and
+of the errors. A trouble changes values by an amplitude of standard deviation s times its signature v, and adds s² v vᵀ:
+what densities can imitate of v counts for nothing. Troubles are compared by their evidence (Kass & Raftery, J. Am. Stat.
+Assoc. 90, 773 (1995)), groups of points with what all others predict of them. A factor that all forces share is free
+throughout: a density of fewer sites is the same.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from chemage_inference.result import Inference
 
 #: log odds against measurements without trouble from which one is named, and those by which it excludes others
-NAMED, CLOSE = 3.0, 2.0
+NAMED, CLOSE = 2.0, 2.0
+#: standard deviations by which an amplitude is not zero
+SURE = 1.5
 #: standard deviations of amplitudes over the typical one
 SPREADS = np.array([0.15, 0.4, 1.0, 2.5])
 #: errors over the stated ones, and their probabilities beside a trouble
@@ -31,24 +33,22 @@ LARGER = np.array([1.0, 1.25, 1.5, 2.0, 3.0, 4.5])
 BESIDE = np.append(0.7, 0.3 * (lambda w: w / w.sum())(np.exp(-0.5 * (np.log(LARGER[1:]) / SPREAD) ** 2)))
 #: e-folds of the hold time over which errors may be correlated
 TIMES = (1.5, 5.0, 15.0)
-#: what the density takes of a combination of points, from which it takes all, and what that is in K
-TAKEN, ALL = 0.95, 1e4
+#: standard deviation of the logarithm of the factor that all forces share
+SHARED = 1.0
 #: probability of the least probable group, times their number, below which it is named
 UNLIKELY = 0.002
 #: scale of the errors that is surely above this is named in a note
 NOTEWORTHY = 1.1
-#: share of the largest value from which a change that goes unnoticed is of any size
-ANY = 0.5
 #: kind -> in words, unit of the amplitude, typical amplitude, what admits it, and the error term that is there then
 TROUBLES: dict[str, tuple[str, str, float, str, str]] = {
     "factor": ("a factor", "%", 10.0, 'calibration "force=10 %"', "calibration"),
     "drift": ("a drift", "% per decade", 3.0, 'calibration "drift=3 %"', "drift"),
     "offset": ("an offset", "nN", 0.05, 'calibration "offset=… nN"', "offset"),
-    "temperature": ("a wrong temperature", "K", 10.0, "the right one", "-"),
-    "interaction": ("barriers raised by bonded neighbours", "eV", 0.1, "[interaction]", "-"),
-    "outlier": ("a point that is off", "errors", 10.0, 'errors "robust"', "-"),
-    "correlated": ("correlated errors", "e-folds", 1.0, 'errors "correlated"', "correlation"),
-    "scaled": ("errors larger than stated", "times", 1.0, 'errors "scaled"', "scale"),
+    "temperature": ("a wrong temperature", "K", 10.0, "the right temperature", "-"),
+    "interaction": ("barriers raised by bonded neighbours", "eV", 0.1, "[interaction] in the scene", "-"),
+    "outlier": ("a wrong value", "errors", 10.0, "another measurement", "-"),
+    "correlated": ("correlated errors", "e-folds", 1.0, 'errors "correlated"', "correlation time"),
+    "scaled": ("errors larger than stated", "times", 1.0, 'errors "scaled"', "scale 0"),
 }  # fmt: skip
 
 
@@ -60,7 +60,8 @@ class Cause(NamedTuple):
     where: str
     #: log odds against no trouble
     odds: float
-    #: mean and standard deviation of the amplitude, in the unit of the kind; and the least that is named if it is there
+    #: mean and standard deviation of the amplitude, in the unit of the kind; and the least that would be
+    #: named in 95 of 100 cases
     amplitude: float
     deviation: float
     least: float
@@ -98,13 +99,6 @@ class Critic:
         stated = one.errors if one.stated_errors is None else one.stated_errors
         return stated * (1 - off + off / WIDER**2) ** -0.5
 
-    @cached_property
-    def scales(self) -> np.ndarray:
-        """(m,) errors of the inference over :attr:`errors`."""
-        terms = self.one.error_terms
-        means = [np.exp(np.log(terms.get(f"scale {number}", [1.0])).mean()) for number in range(len(self.one.curves))]
-        return np.array(means)[self.one.curve]
-
     def _near(self, time: float) -> np.ndarray:
         """(m, m) correlation of errors along each curve over ``time`` e-folds; without it beyond 98 %."""
         logs, curve = np.log(self.one.hold_times), self.one.curve
@@ -119,14 +113,16 @@ class Critic:
 
     @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) values less those that the prior of the density expects, and (m, m) the covariance of these, K."""
-        root = np.linalg.cholesky(self.near)
-        away = np.vstack([self.one.values, self.one.fitted]) - self.one.fitted.mean(axis=0)
-        white = np.linalg.solve(root, (away / (self.errors * self.scales)).T)
-        taken, axes = np.linalg.eigh(white[:, 1:] @ white[:, 1:].T / max(len(away) - 2, 1))
-        share = 1 / (1 - np.clip(taken, 0, TAKEN))
-        residual, axes = share * (axes.T @ white[:, 0]), self.scales[:, None] * (root @ axes)
-        return axes @ residual, (axes * np.where(taken < TAKEN, share - 1, ALL)) @ axes.T
+        """(m,) values less those that the prior expects, and (m, m) the covariance of these, without errors."""
+        one, admitted = self.one, [SHARED * self.one.fitted.mean(axis=0)]
+        for kind, where, change, typical, _ in self.signatures():
+            term = TROUBLES[kind][4]
+            if {term, f"{term} of {where}"} & one.error_terms.keys():
+                admitted.append(SPREADS[-1] * typical * change)
+        free = np.stack(admitted) / self.errors
+        samples = (one.prior_fitted - one.prior_fitted.mean(axis=0)) / self.errors
+        covariance = samples.T @ samples / len(samples) + free.T @ free
+        return (one.values - one.prior_fitted.mean(axis=0)) / self.errors, covariance
 
     def _evidence(self, errors: np.ndarray) -> tuple[float, np.ndarray]:
         residual, covariance = self.prior
@@ -175,15 +171,15 @@ class Critic:
         for name, mask, prior in self.groups:
             for kind, change in shared.items():
                 typical = TROUBLES[kind][2] * (np.abs(values).max() if kind == "offset" else 1.0)
-                if kind != "temperature" or not mask.all():
+                # what all forces share is free, and what all temperatures share shifts energies
+                if not mask.all() or kind in ("drift", "offset"):
                     yield kind, name, change * mask, typical, prior
         if chemistry.interaction is None:
             yield "interaction", "", -slope * values / (np.maximum(top, 1e-12) * KB * kelvin), 0.1, 0.0
-        if not one.provenance.get("robust", True):
-            for point, time in enumerate(one.hold_times):
-                where = f"{time:.3g} s of {one.curves[one.curve[point]]['name']}"
-                change = self.errors * (np.arange(values.size) == point)
-                yield "outlier", where, change, WIDER, -np.log(values.size)
+        for point, time in enumerate(one.hold_times):
+            where = f"{one.curves[one.curve[point]]['name']} at {time:.3g} s"
+            change = self.errors * (np.arange(values.size) == point)
+            yield "outlier", where, change, WIDER, -np.log(values.size)
 
     @cached_property
     def causes(self) -> list[Cause]:
@@ -207,7 +203,7 @@ class Critic:
             odds = -np.inf if kind == "interaction" and mean < 0 else odds - null + prior
             q = max(float(v @ self._scaled[0][1] @ v), 1e-300)
             bar = NAMED - prior - np.log(BESIDE[0]) + 0.5 * np.log1p(typical**2 * q)
-            found.append(Cause(kind, where, odds, mean, spread, (2 * bar / q) ** 0.5, change))
+            found.append(Cause(kind, where, odds, mean, spread, ((2 * bar) ** 0.5 + 1.64) / q**0.5, change))
         return sorted([*found, *self._of_errors()], key=lambda cause: -cause.odds)
 
     def _of_errors(self) -> Iterator[Cause]:
@@ -233,8 +229,10 @@ class Critic:
     @property
     def named(self) -> list[Cause]:
         """The likeliest cause and those that the data do not tell from it; empty where none is supported."""
-        best = self.causes[0].odds
-        return [cause for cause in self.causes if best >= NAMED and cause.odds > best - CLOSE]
+        # larger errors beside an amplitude of about zero are no further cause
+        sure = [cause for cause in self.causes if abs(cause.amplitude) > SURE * cause.deviation]
+        best = sure[0].odds if sure else -np.inf
+        return [cause for cause in sure if best >= NAMED and cause.odds > best - CLOSE]
 
     def improbable(self) -> tuple[float, str]:
         """The least probable group of points, given all others: its probability times the number of groups, and name.
@@ -264,33 +262,27 @@ class Critic:
                 yield f"{about['name']}: the scatter is {np.median(scale):.1f} times the stated errors"
         least, where = self.improbable()
         if named:
-            best, *rivals = named
+            best = named[0]
             remedy, term = TROUBLES[best.kind][3:]
+            admitted = {term, f"{term} of {best.where}"} & one.error_terms.keys()
             yield (
-                f"likeliest cause of the residuals: {' or '.join(cause.words for cause in named)}: the first is "
-                f"{best.amplitude:.2g} ± {best.deviation:.1g} {best.unit} (log odds {best.odds:.1f} against none)"
+                f"likeliest cause of the residuals: {' or '.join(dict.fromkeys(cause.words for cause in named))}; the "
+                f"first is {best.amplitude:.2g} ± {best.deviation:.1g} {best.unit} (log odds {best.odds:.1f}); "
+                + ("it is admitted" if admitted else f"forecasts assume that there is none; remedy: {remedy}")
             )
-            if any(name.startswith(term) for name in one.error_terms):
-                yield f"{best.words}: admitted"
-            else:
-                yield f"forecasts assume that there is none; admit it with {remedy}"
         elif least < UNLIKELY:
             yield f"{where}: improbable given all other points (p = {least:.1g}), and no known cause explains it"
-        missed = []
-        for cause in self.missed:
-            change = cause.least * np.abs(cause.signature).max()
-            size = f"up to {cause.least:.2g} {cause.unit}" if change < ANY * one.values.max() else "of any size"
-            missed.append(f"{cause.words} {size}")
-        yield f"would go unnoticed: {', '.join(missed)}"
+        missed = [f"{cause.words} up to {cause.least:.2g} {cause.unit}" for cause in self.missed]
+        yield f"would go unnoticed: {', '.join(['a factor of all forces of any size', *missed])}"
 
     @property
     def missed(self) -> list[Cause]:
         """Of each kind the trouble of all curves, or else of that curve where most would go unnoticed."""
         found: dict[str, Cause] = {}
+        done = {"outlier", *(cause.kind for cause in self.named)}
         for cause in sorted(self.causes, key=lambda cause: (cause.where != "", -cause.least)):
-            if cause.signature.any() and cause.kind not in {one.kind for one in self.named}:
+            if cause.signature.any() and cause.kind not in done:
                 found.setdefault(cause.kind, cause)
-        found.pop("outlier", None)
         return list(found.values())
 
     def of_forecast(self, times: np.ndarray, samples: np.ndarray, rows: np.ndarray) -> Iterator[str]:
@@ -298,7 +290,8 @@ class Critic:
         middle, here = np.median(samples, axis=0), self.one.fitted[rows]
         low, high = np.quantile(samples, [0.05, 0.95], axis=0)
         half = np.maximum((high - low) / 2, 1e-6 * samples.max() + 1e-12)
-        unit = self.errors * self.scales
+        scales = [np.median(self.one.error_terms.get(f"scale {k}", 1.0)) for k in range(len(self.one.curves))]
+        unit = self.errors * np.array(scales)[self.one.curve]
         pulls = np.linalg.solve(np.outer(unit, unit) * self.near, (here - here.mean(axis=0)).T).T
 
         def change(cause: Cause, amplitude: float) -> tuple[np.ndarray, int]:

@@ -73,11 +73,15 @@ def first_estimate(data: Linear, factor: float) -> np.ndarray:
 
 
 def check_explained(
-    data: Linear, labels: list[str], largest: np.ndarray, stated: np.ndarray
+    data: Linear,
+    labels: list[str],
+    largest: np.ndarray,
+    stated: np.ndarray,
+    hints: Sequence[str] = (),
 ) -> None:
     """Refuse data that no non-negative density of integral at most 1 explains; ``labels`` name the values.
 
-    Errors (m,) are at most ``largest``; messages count in those that are ``stated``.
+    ``hints`` are possible reasons. Errors (m,) are at most ``largest``; messages count in those that are ``stated``.
 
     Raises
     ------
@@ -113,7 +117,7 @@ def check_explained(
         for at in sorted(worst)
     )
     share = float(algebra.product(density, grid.areas))
-    why = []
+    why = list(hints)
     above = values - fitted
     if share > 0.99 and np.sum(above / errors) > 0:
         why.append(
@@ -225,8 +229,16 @@ def _with_guessed_errors(model: Model, data: Linear) -> Linear:
 
 def _check_model(model: Model, data: Linear) -> None:
     noise = model.noise
+    cold = (
+        units.celsius_meant(f"temperature of {curve.name}", curve.temperature)
+        for curve in model.curves
+    )
     check_explained(
-        data, model.labels(), noise.largest(model.state), noise.errors(noise.start)
+        data,
+        model.labels(),
+        noise.largest(model.state),
+        noise.errors(noise.start),
+        [hint for hint in cold if hint],
     )
 
 

@@ -353,7 +353,6 @@ def _inference(
             "scene": model.scene.todict(),
             "versions": versions(model.scene),
             "unknown": list(unknowns.bounds),
-            "robust": model.error_model.robust,
             "cite": _cite(model.scene),
         },
     )
