@@ -339,6 +339,8 @@ class Linear:
     errors: np.ndarray
     #: bounds of the logarithm of an unknown common factor; None without one
     factor: tuple[float, float] | None = None
+    #: (m, q): changes of the values by one standard deviation of each nuisance
+    nuisances: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,11 +374,15 @@ class Problem:
         return summed(weights, self.matrices), summed(weights, self.offsets)
 
     def settled(self, state: State) -> Problem:
-        """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
+        """The problem with the errors and the nuisances of ``state``, and known: correlations are left out."""
         factor, noise = self.noise.factor(state), fixed(self.noise.errors(state))
-        matrices, offsets = factor[:, None] * self.matrices, factor * self.offsets
         return replace(
-            self, noise=noise, state=None, matrices=matrices, offsets=offsets
+            self,
+            noise=noise,
+            state=None,
+            values=self.values - self.noise.added(state),
+            matrices=factor[:, None] * self.matrices,
+            offsets=factor * self.offsets,
         )
 
     def without(self, left_out: np.ndarray) -> Problem:

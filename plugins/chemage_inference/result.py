@@ -153,9 +153,10 @@ class Inference(Record):
     """(m,) probability that a point is off, by far more than its error"""
     error_terms: Named = {}
     """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
-    (e-folds of the hold time), ``calibration`` (measured over true friction)"""
+    (e-folds of the hold time), ``calibration`` (measured over true friction), ``drift`` (change of its logarithm per
+    decade of the hold time), ``offset`` (nN)"""
     fitted: Doubles
-    """(S, m) ΔF of each posterior sample as it would be measured, its calibration included, nN"""
+    """(S, m) ΔF of each posterior sample as it would be measured, with calibration, drift and offset, nN"""
     prior_fitted: Doubles
     """(P, m) ΔF of each sample of the prior, nN"""
     curves: tuple[Plain, ...]
@@ -459,6 +460,14 @@ _SUMMED = (
 )
 
 
+#: units of what was inferred of the errors
+_TERMS = {
+    "correlation time": "e-folds of the hold time",
+    "drift": "per decade",
+    "offset": "nN",
+}
+
+
 def _in_numbers(sampled: Mapping[str, np.ndarray]) -> dict[str, dict[str, Any]]:
     return {name: in_numbers(values) for name, values in sampled.items()}
 
@@ -479,7 +488,7 @@ def quantities(one: Inference) -> list[Quantity]:
     ]
     for name, values in one.error_terms.items():
         label = name
-        unit = "e-folds of the hold time" if name == "correlation time" else ONE
+        unit = _TERMS.get(name.partition(" of ")[0], ONE)
         if name.startswith("scale "):
             label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
         found.append(_sampled(Quantity(name, unit, label), values))

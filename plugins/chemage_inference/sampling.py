@@ -1,7 +1,7 @@
 """Samples of the posterior: Markov chains that are continued until there are enough, and the measures of that.
 
 A chain moves along lines for the density, and by moves with a density that adapts for what the prior leaves open and
-for the unknown scalars: ⟨f⟩, the calibrations, and those on the grid. Scalars move by differences between their earlier
+for the unknown scalars: ⟨f⟩, the nuisances, and those on the grid. Scalars move by differences between their earlier
 values, so that they follow the ridges of their posterior (ter Braak, Stat. Comput. 16, 239 (2006)).
 """
 
@@ -175,7 +175,8 @@ class Chain:
         parts = summed(weights, parts)
         parts = self.noise.white(place.state, factor[:, None] * parts)
         offsets = summed(weights, self.problem.offsets)
-        goal = self.noise.white(place.state, self.problem.values - factor * offsets)
+        values = self.problem.values - self.noise.added(place.state)
+        goal = self.noise.white(place.state, values - factor * offsets)
         lower = algebra.cholesky(
             algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
         )
@@ -194,7 +195,7 @@ class Chain:
         return float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
 
     def _fitted(self, x: np.ndarray, place: ChainPosition) -> np.ndarray:
-        """(m,) values of the model, before the calibration."""
+        """(m,) true values of the model."""
         matrix, offset = self.problem.at(place.position)
         values = offset + algebra.product(matrix, np.maximum(x, 0.0))
         return np.exp(place.log_factor) * values
@@ -329,7 +330,7 @@ class Chain:
     # -- errors -------------------------------------------------------------------------------------------------------
 
     def _drawn_errors(self) -> None:
-        """Draw the errors at fixed density and calibration."""
+        """Draw the errors at fixed density and nuisances."""
         fitted = self._fitted(self.x, self.place)
         state = self.noise.drawn(
             self.place.state, self.problem.values, fitted, self.rng
@@ -339,14 +340,10 @@ class Chain:
     # -- unknown scalars ----------------------------------------------------------------------------------------------
 
     def scalars(self, place: ChainPosition) -> np.ndarray:
-        """(k,) position on the grid, logarithm of the common factor, logarithms of calibrations: those unknown."""
-        known = (
-            self.problem.unknowns.factor is None,
-            not self.noise.model.calibration,
-        )
-        factor = () if known[0] else (place.log_factor,)
-        calibration = () if known[1] else place.state.calibration
-        return np.concatenate([place.position, factor, calibration])
+        """(k,) position on the grid, logarithm of the common factor, nuisances: those unknown."""
+        known = self.problem.unknowns.factor is None
+        factor = () if known else (place.log_factor,)
+        return np.concatenate([place.position, factor, place.state.nuisances])
 
     def _placed(self, scalars: np.ndarray) -> ChainPosition:
         """The place with other ``scalars`` (k,)."""
@@ -355,8 +352,8 @@ class Chain:
         place = self.place._replace(position=position)
         if self.problem.unknowns.factor is not None:
             place, rest = place._replace(log_factor=float(rest[0])), rest[1:]
-        if self.noise.model.calibration:
-            place = place._replace(state=replace(place.state, calibration=rest))
+        if rest.size:
+            place = place._replace(state=replace(place.state, nuisances=rest))
         return place
 
     def _log_prior(self, place: ChainPosition) -> float:
@@ -364,19 +361,18 @@ class Chain:
         low, high = self.problem.unknowns.factor or (0.0, 0.0)
         if not low <= place.log_factor <= high:
             return -np.inf
-        width = self.noise.model.calibration or np.inf
-        calibrations = -0.5 * float(np.sum((place.state.calibration / width) ** 2))
-        return calibrations + self.problem.unknowns.log_prior(place.position)
+        away = place.state.nuisances / self.noise.widths
+        nuisances = -0.5 * float(np.sum(away**2))
+        return nuisances + self.problem.unknowns.log_prior(place.position)
 
     @cached_property
     def _widths(self) -> np.ndarray:
         """(k,) about the standard deviations of the scalars in their prior."""
-        unknowns, calibration = self.problem.unknowns, self.noise.model.calibration
+        unknowns = self.problem.unknowns
         spans = [axis.size - 1.0 for axis in unknowns.axes.values()]
         if unknowns.factor is not None:
             spans.append(unknowns.factor[1] - unknowns.factor[0])
-        count = self.place.state.calibration.size if calibration else 0
-        return np.append(0.3 * np.array(spans), np.full(count, calibration))
+        return np.append(0.3 * np.array(spans), self.noise.widths)
 
     @cached_property
     def _energies(self) -> np.ndarray:
@@ -418,7 +414,9 @@ class Chain:
         if unknowns.factor is not None:
             direction[len(unknowns.axes)] = 1.0
         elif self.noise.model.calibration:
-            direction[len(unknowns.axes) :] = 1.0
+            nuisances = self.noise.nuisances
+            shared = [float(name == "calibration") for name, _ in nuisances]
+            direction[len(unknowns.axes) :] = shared
         else:
             return
         width = float(self._widths @ direction / direction.sum())
@@ -462,8 +460,11 @@ class Chain:
             self._made_rows(place, integrals[1]),
         ]
         gain += 0.5 * (rows[0][2] - rows[1][2]) - np.log(self.rng.random())
-        rise = place.log_factor + place.state.calibration.mean()
-        rise -= self.place.log_factor + self.place.state.calibration.mean()
+        before, after = (
+            one.log_factor + np.log(self.noise.factor(one.state)).mean()
+            for one in (self.place, place)
+        )
+        rise = after - before
         fall = rise / np.log(STRENGTHS[1] / STRENGTHS[0]) * self.rng.integers(2)
         strength = self.choice % STRENGTHS.size
         strength -= int(np.floor(fall + self.rng.random()))
@@ -513,9 +514,9 @@ class Samples:
         return np.stack([state.scales for state in self.states])
 
     @property
-    def calibrations(self) -> np.ndarray:
-        """(S, instruments) measured over true value."""
-        return np.exp([state.calibration for state in self.states])
+    def nuisances(self) -> np.ndarray:
+        """(S, q) of :attr:`Noise.nuisances`."""
+        return np.stack([state.nuisances for state in self.states])
 
     @property
     def off(self) -> np.ndarray:
@@ -529,19 +530,25 @@ class Samples:
             [state.inflation**-2.0 for state in self.states], axis=0
         )
         time = float(np.mean([state.log_time for state in self.states]))
-        scales, calibration = (
-            np.log(factors).mean(axis=0)
-            for factors in (self.scales, self.calibrations)
-        )
-        return State(np.exp(scales), precision**-0.5, calibration, time)
+        scales = np.exp(np.log(self.scales).mean(axis=0))
+        return State(scales, precision**-0.5, self.nuisances.mean(axis=0), time)
 
     def fitted(self, problem: Problem) -> np.ndarray:
-        """(S, m) values of each sample, before the calibration."""
+        """(S, m) true values of each sample."""
         weights = problem.unknowns.weights(self.positions)
         values = values_of(
             self.densities, weights, problem.matrices, problem.offsets
         )
         return self.factors[:, None] * values
+
+    def expected(self, problem: Problem) -> np.ndarray:
+        """(S, m) values of each sample as the instruments measure them."""
+        noise, states = problem.noise, self.states
+        factors, added = (
+            np.stack([each(state) for state in states])
+            for each in (noise.factor, noise.added)
+        )
+        return factors * self.fitted(problem) + added
 
 
 def sample(
@@ -611,7 +618,7 @@ def sample(
 
 
 def _errors(chain: Chain, place: ChainPosition) -> np.ndarray:
-    """What is inferred of the errors but for the calibration."""
+    """What is inferred of the errors but for the nuisances."""
     state, correlated = place.state, chain.noise.model.correlated
     return np.append(np.log(state.scales), state.log_time if correlated else ())
 

@@ -392,7 +392,8 @@ def test_scalars_have_the_posterior_of_importance_sampling(name, calibration):
     mean = weight @ drawn_ / weight.sum()
     spread = np.sqrt(weight @ (drawn_ - mean) ** 2 / weight.sum())
     at = found.positions[:, 0] if unknowns.axes else np.zeros(len(found.factors))
-    sampled = np.stack([at, np.log(found.factors), np.log(found.calibrations[:, 0]), found.densities @ areas], axis=1)
+    shared_drawn = found.nuisances[:, 0] if calibration else np.zeros(at.size)
+    sampled = np.stack([at, np.log(found.factors), shared_drawn, found.densities @ areas], axis=1)
     assert sampled.mean(axis=0) == pytest.approx(mean, abs=0.1 * spread.max() + 1e-9)
     for mine, middle, theirs in zip(sampled.T, mean, spread, strict=True):
         assert mine.mean() == pytest.approx(middle, abs=0.12 * theirs + 1e-9)
