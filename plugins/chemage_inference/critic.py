@@ -30,7 +30,8 @@ SURE = 1.5
 SPREADS = np.array([0.15, 0.4, 1.0, 2.5])
 #: errors over the stated ones, and their probabilities beside a trouble
 LARGER = np.array([1.0, 1.25, 1.5, 2.0, 3.0, 4.5])
-BESIDE = np.append(0.7, 0.3 * (lambda w: w / w.sum())(np.exp(-0.5 * (np.log(LARGER[1:]) / SPREAD) ** 2)))
+_RARER = np.exp(-0.5 * (np.log(LARGER[1:]) / SPREAD) ** 2)
+BESIDE = np.append(0.7, 0.3 * _RARER / _RARER.sum())
 #: e-folds of the hold time over which errors may be correlated
 TIMES = (1.5, 5.0, 15.0)
 #: standard deviation of the logarithm of the factor that all forces share
@@ -77,6 +78,10 @@ class Cause(NamedTuple):
     def unit(self) -> str:
         return TROUBLES[self.kind][1]
 
+    @property
+    def size(self) -> str:
+        return f"{self.words} up to {self.least:.2g} {self.unit}"
+
 
 def _log(covariance: np.ndarray, residual: np.ndarray) -> tuple[float, np.ndarray]:
     """Log evidence but for a constant, and the inverse of the covariance."""
@@ -99,30 +104,37 @@ class Critic:
         stated = one.errors if one.stated_errors is None else one.stated_errors
         return stated * (1 - off + off / WIDER**2) ** -0.5
 
+    def admits(self, kind: str, where: str = "") -> bool:
+        """Whether the inference has a trouble among its unknowns."""
+        term = TROUBLES[kind][4]
+        return bool({term, f"{term} of {where}"} & self.one.error_terms.keys())
+
     def _near(self, time: float) -> np.ndarray:
         """(m, m) correlation of errors along each curve over ``time`` e-folds; without it beyond 98 %."""
         logs, curve = np.log(self.one.hold_times), self.one.curve
-        near = 0.98 * np.exp(-np.abs(logs[:, None] - logs) / time) * (curve[:, None] == curve)
+        apart = np.abs(logs[:, None] - logs)
+        near = 0.98 * np.exp(-apart / time) * (curve[:, None] == curve)
         return near + 0.02 * np.eye(logs.size)
 
     @cached_property
     def near(self) -> np.ndarray:
         """(m, m) correlation of the errors of the inference."""
         times = self.one.error_terms.get("correlation time")
-        return np.eye(self.errors.size) if times is None else self._near(float(np.median(times)))
+        if times is None:
+            return np.eye(self.errors.size)
+        return self._near(float(np.median(times)))
 
     @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
         """(m,) values less those that the prior expects, and (m, m) the covariance of these, without errors."""
         one, admitted = self.one, [SHARED * self.one.fitted.mean(axis=0)]
         for kind, where, change, typical, _ in self.signatures():
-            term = TROUBLES[kind][4]
-            if {term, f"{term} of {where}"} & one.error_terms.keys():
+            if self.admits(kind, where):
                 admitted.append(SPREADS[-1] * typical * change)
-        free = np.stack(admitted) / self.errors
-        samples = (one.prior_fitted - one.prior_fitted.mean(axis=0)) / self.errors
+        free, mean = np.stack(admitted) / self.errors, one.prior_fitted.mean(axis=0)
+        samples = (one.prior_fitted - mean) / self.errors
         covariance = samples.T @ samples / len(samples) + free.T @ free
-        return (one.values - one.prior_fitted.mean(axis=0)) / self.errors, covariance
+        return (one.values - mean) / self.errors, covariance
 
     def _evidence(self, errors: np.ndarray) -> tuple[float, np.ndarray]:
         residual, covariance = self.prior
@@ -139,12 +151,17 @@ class Critic:
         one, found = self.one, {"": np.ones(self.one.curve.size, bool)}
         for key in ("instrument", "name"):
             for about in one.curves:
-                here = [other.get(key, "") == about.get(key, "") for other in one.curves]
+                here = [
+                    other.get(key, "") == about.get(key, "") for other in one.curves
+                ]
                 if not all(here):
                     found.setdefault(about[key], np.array(here)[one.curve])
         less = -np.log(len(found) - 1.0) if len(found) > 1 else 0.0
         half = np.log(0.5) * (len(found) > 1)
-        return [(name, mask, half + less * (number > 0)) for number, (name, mask) in enumerate(found.items())]
+        return [
+            (name, mask, half + less * (number > 0))
+            for number, (name, mask) in enumerate(found.items())
+        ]
 
     def signatures(self) -> Iterator[tuple[str, str, np.ndarray, float, float]]:
         """Kind, where, (m,) nN by one unit, typical amplitude, and log prior probability of each trouble."""
@@ -156,10 +173,12 @@ class Critic:
             here = np.flatnonzero(one.curve == number)
             times, first = np.unique(decades[here], return_index=True)
             middle[here] = (times[0] + times[-1]) / 2
-            same = [other["load"] == one.curves[number]["load"] for other in one.curves]
-            top[here] = values[np.array(same)[one.curve]].max()
+            load = one.curves[number]["load"]
+            same = [other["load"] == load for other in one.curves]
+            top[here] = max(float(values[np.array(same)[one.curve]].max()), 1e-12)
             if times.size > 1:
-                slope[here] = np.interp(decades[here], times, np.gradient(values[here][first], times * np.log(10)))
+                along = np.gradient(values[here][first], times * np.log(10))
+                slope[here] = np.interp(decades[here], times, along)
         kelvin = np.array([about["temperature"] for about in one.curves])[one.curve]
         lag = np.log(chemistry.attempt_frequency * one.hold_times)
         shared = {
@@ -168,14 +187,16 @@ class Critic:
             "offset": np.ones(values.size),
             "temperature": slope * lag / kelvin,
         }
+        full = float(np.abs(values).max())
         for name, mask, prior in self.groups:
             for kind, change in shared.items():
-                typical = TROUBLES[kind][2] * (np.abs(values).max() if kind == "offset" else 1.0)
+                typical = TROUBLES[kind][2] * (full if kind == "offset" else 1.0)
                 # what all forces share is free, and what all temperatures share shifts energies
                 if not mask.all() or kind in ("drift", "offset"):
                     yield kind, name, change * mask, typical, prior
         if chemistry.interaction is None:
-            yield "interaction", "", -slope * values / (np.maximum(top, 1e-12) * KB * kelvin), 0.1, 0.0
+            slower = -slope * values / (top * KB * kelvin)
+            yield "interaction", "", slower, TROUBLES["interaction"][2], 0.0
         for point, time in enumerate(one.hold_times):
             where = f"{one.curves[one.curve[point]]['name']} at {time:.3g} s"
             change = self.errors * (np.arange(values.size) == point)
@@ -188,22 +209,25 @@ class Critic:
         residual = self.prior[0]
         for kind, where, change, typical, prior in self.signatures():
             v, spreads = change / self.errors, (SPREADS * typical) ** 2
-            logs, means, deviations = [], [], []
+            logs, means, squares = [], [], []
             for (log, inverse), weight in zip(self._scaled, BESIDE, strict=True):
                 u, q = v @ inverse @ residual, v @ inverse @ v
                 more = 1 + spreads * q
-                logs.append(np.log(weight / spreads.size) + log - 0.5 * np.log(more) + 0.5 * spreads * u**2 / more)
+                gain = 0.5 * (spreads * u**2 / more - np.log(more))
+                logs.append(log + gain + np.log(weight / spreads.size))
                 means.append(spreads * u / more)
-                deviations.append((spreads / more) ** 0.5)
+                squares.append(spreads / more + means[-1] ** 2)
             odds = float(np.logaddexp.reduce(logs, axis=None))
             share = np.exp(np.array(logs) - odds)
             mean = float((share * means).sum())
-            spread = float((share * (np.square(deviations) + np.square(np.array(means) - mean))).sum()) ** 0.5
-            # neighbours raise barriers
-            odds = -np.inf if kind == "interaction" and mean < 0 else odds - null + prior
+            deviation = float((share * squares).sum() - mean**2) ** 0.5
+            odds += prior - null
+            if kind == "interaction" and mean < 0:  # neighbours raise barriers
+                odds = -np.inf
             q = max(float(v @ self._scaled[0][1] @ v), 1e-300)
             bar = NAMED - prior - np.log(BESIDE[0]) + 0.5 * np.log1p(typical**2 * q)
-            found.append(Cause(kind, where, odds, mean, spread, ((2 * bar) ** 0.5 + 1.64) / q**0.5, change))
+            least = ((2 * bar) ** 0.5 + 1.64) / q**0.5
+            found.append(Cause(kind, where, odds, mean, deviation, least, change))
         return sorted([*found, *self._of_errors()], key=lambda cause: -cause.odds)
 
     def _of_errors(self) -> Iterator[Cause]:
@@ -211,28 +235,42 @@ class Critic:
         null = self._scaled[0][0]
         for name, mask, prior in self.groups:
             each = np.where(mask, LARGER[1:, None], 1.0)
-            logs = [self._evidence(self.near * np.outer(scales, scales))[0] for scales in each]
-            logs = np.array(logs) + np.log(BESIDE[1:] / BESIDE[1:].sum())
-            yield self._cause("scaled", name, logs, LARGER[1:], prior - null)
-        each = [(time, scale) for time in TIMES for scale in LARGER[[0, 2, 3, 4]]]
-        logs = [self._evidence(scale**2 * self._near(time))[0] for time, scale in each]
-        times = np.array([time for time, _ in each])
-        yield self._cause("correlated", "", np.array(logs) - np.log(len(each)), times, -null)
+            errors = [self.near * np.outer(scales, scales) for scales in each]
+            logs = np.log(BESIDE[1:] / 0.3) - null + prior
+            yield self._cause("scaled", name, errors, logs, LARGER[1:])
+        times, scales = np.repeat(TIMES, 3), np.tile(LARGER[[0, 2, 4]], len(TIMES))
+        errors = [s**2 * self._near(t) for t, s in zip(times, scales, strict=True)]
+        logs = np.full(times.size, -np.log(times.size) - null)
+        yield self._cause("correlated", "", errors, logs, times)
 
-    def _cause(self, kind: str, where: str, logs: np.ndarray, sizes: np.ndarray, prior: float) -> Cause:
-        total = float(np.logaddexp.reduce(logs))
-        share = np.exp(logs - total)
+    def _cause(
+        self,
+        kind: str,
+        where: str,
+        errors: list[np.ndarray],
+        logs: np.ndarray,
+        sizes: np.ndarray,
+    ) -> Cause:
+        """The cause of several covariances of ``errors``, of prior ``logs`` and with amplitudes ``sizes``."""
+        logs = logs + np.array([self._evidence(each)[0] for each in errors])
+        odds = float(np.logaddexp.reduce(logs))
+        share = np.exp(logs - odds)
         mean = float(share @ sizes)
         deviation = float(share @ (sizes - mean) ** 2) ** 0.5
-        return Cause(kind, where, total + prior, mean, deviation, np.nan, np.zeros(self.errors.size))
+        nothing = np.zeros(self.errors.size)
+        return Cause(kind, where, odds, mean, deviation, np.nan, nothing)
 
     @property
     def named(self) -> list[Cause]:
         """The likeliest cause and those that the data do not tell from it; empty where none is supported."""
         # larger errors beside an amplitude of about zero are no further cause
-        sure = [cause for cause in self.causes if abs(cause.amplitude) > SURE * cause.deviation]
-        best = sure[0].odds if sure else -np.inf
-        return [cause for cause in sure if best >= NAMED and cause.odds > best - CLOSE]
+        sure = [
+            it
+            for it in self.causes
+            if abs(it.amplitude) > SURE * it.deviation or not it.signature.any()
+        ]
+        best = sure[0].odds
+        return [it for it in sure if best >= NAMED and it.odds > best - CLOSE]
 
     def improbable(self) -> tuple[float, str]:
         """The least probable group of points, given all others: its probability times the number of groups, and name.
@@ -245,8 +283,9 @@ class Critic:
         away = inverse @ self.prior[0]
         for number, about in enumerate(self.one.curves):
             whole = np.flatnonzero(self.one.curve == number)
-            for part in (whole, *(part for part in np.array_split(whole, 3) if part.size)):
-                chi2 = away[part] @ np.linalg.solve(inverse[np.ix_(part, part)], away[part])
+            for part in (whole, *np.array_split(whole, min(3, whole.size))):
+                block = inverse[np.ix_(part, part)]
+                chi2 = away[part] @ np.linalg.solve(block, away[part])
                 ends = self.one.hold_times[part[[0, -1]]]
                 name = f"{about['name']}, {ends[0]:.3g} to {ends[1]:.3g} s"
                 found.append((float(chdtrc(part.size, chi2)), name))
@@ -262,51 +301,67 @@ class Critic:
                 yield f"{about['name']}: the scatter is {np.median(scale):.1f} times the stated errors"
         least, where = self.improbable()
         if named:
-            best = named[0]
-            remedy, term = TROUBLES[best.kind][3:]
-            admitted = {term, f"{term} of {best.where}"} & one.error_terms.keys()
+            best, remedy = named[0], TROUBLES[named[0].kind][3]
+            words = " or ".join(dict.fromkeys(cause.words for cause in named))
+            assumed = f"forecasts assume that there is none; remedy: {remedy}"
             yield (
-                f"likeliest cause of the residuals: {' or '.join(dict.fromkeys(cause.words for cause in named))}; the "
-                f"first is {best.amplitude:.2g} ± {best.deviation:.1g} {best.unit} (log odds {best.odds:.1f}); "
-                + ("it is admitted" if admitted else f"forecasts assume that there is none; remedy: {remedy}")
+                f"likeliest cause of the residuals: {words}; the first is {best.amplitude:.2g} ± "
+                f"{best.deviation:.1g} {best.unit} (log odds {best.odds:.1f}); "
+                + (
+                    "it is admitted"
+                    if self.admits(best.kind, best.where)
+                    else assumed
+                )
             )
         elif least < UNLIKELY:
             yield f"{where}: improbable given all other points (p = {least:.1g}), and no known cause explains it"
-        missed = [f"{cause.words} up to {cause.least:.2g} {cause.unit}" for cause in self.missed]
-        yield f"would go unnoticed: {', '.join(['a factor of all forces of any size', *missed])}"
+        shared = ["a factor of all forces"] * (not self.admits("factor"))
+        missed = [*shared, *(cause.size for cause in self.missed)]
+        yield f"would go unnoticed: {', '.join(missed)}"
 
     @property
     def missed(self) -> list[Cause]:
         """Of each kind the trouble of all curves, or else of that curve where most would go unnoticed."""
         found: dict[str, Cause] = {}
         done = {"outlier", *(cause.kind for cause in self.named)}
-        for cause in sorted(self.causes, key=lambda cause: (cause.where != "", -cause.least)):
-            if cause.signature.any() and cause.kind not in done:
+        order = sorted(self.causes, key=lambda it: (it.where != "", -it.least))
+        for cause in order:
+            known = cause.kind in done or self.admits(cause.kind, cause.where)
+            if cause.signature.any() and not known:
                 found.setdefault(cause.kind, cause)
         return list(found.values())
 
-    def of_forecast(self, times: np.ndarray, samples: np.ndarray, rows: np.ndarray) -> Iterator[str]:
+    def of_forecast(
+        self, times: np.ndarray, samples: np.ndarray, rows: np.ndarray
+    ) -> Iterator[str]:
         """Notes on how a forecast at ``times`` (k,), ``samples`` (S, k) of ``rows`` (S,), changes with troubles."""
         middle, here = np.median(samples, axis=0), self.one.fitted[rows]
         low, high = np.quantile(samples, [0.05, 0.95], axis=0)
         half = np.maximum((high - low) / 2, 1e-6 * samples.max() + 1e-12)
-        scales = [np.median(self.one.error_terms.get(f"scale {k}", 1.0)) for k in range(len(self.one.curves))]
+        terms, count = self.one.error_terms, len(self.one.curves)
+        scales = [
+            float(np.median(terms.get(f"scale {k}", 1.0))) for k in range(count)
+        ]
         unit = self.errors * np.array(scales)[self.one.curve]
-        pulls = np.linalg.solve(np.outer(unit, unit) * self.near, (here - here.mean(axis=0)).T).T
+        errors, away = np.outer(unit, unit) * self.near, here - here.mean(axis=0)
+        pulls = np.linalg.solve(errors, away.T).T
+        spread = (samples - samples.mean(axis=0)) / max(len(rows) - 1, 1)
 
         def change(cause: Cause, amplitude: float) -> tuple[np.ndarray, int]:
-            along = pulls @ cause.signature @ (samples - samples.mean(axis=0)) / max(len(rows) - 1, 1)
-            return -amplitude * along / np.maximum(middle, half), int(np.abs(along / half).argmax())
+            moved = -amplitude * (pulls @ cause.signature @ spread)
+            return moved, int(np.abs(moved / half).argmax())
 
         # neighbours would change the forecast as well
         for cause in self.named[:1]:
             if cause.signature.any() and cause.kind != "interaction":
                 moved, at = change(cause, cause.amplitude)
-                yield f"{cause.words}, once admitted, changes ΔF at {times[at]:.3g} s by about {100 * moved[at]:+.0f} %"
+                share = moved[at] / max(middle[at], half[at])
+                yield f"{cause.words}, once admitted, changes ΔF at {times[at]:.3g} s by about {100 * share:+.0f} %"
         for cause in self.missed:
             moved, at = change(cause, cause.least)
-            if cause.kind != "interaction" and abs(moved[at]) * middle[at] > half[at]:
+            if cause.kind != "interaction" and abs(moved[at]) > half[at]:
+                share = min(abs(moved[at]) / max(middle[at], half[at]), 1.0)
                 yield (
-                    f"{cause.words} that goes unnoticed, up to {cause.least:.2g} {cause.unit}, changes ΔF at "
-                    f"{times[at]:.3g} s by up to {100 * min(abs(moved[at]), 1):.0f} %, more than the band"
+                    f"unnoticed, {cause.size} changes ΔF at {times[at]:.3g} s by up to {100 * share:.0f} %, more than "
+                    "the band"
                 )

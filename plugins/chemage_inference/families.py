@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.plugin import algebra, progress
+from chemage.plugin import algebra, progress, units
 from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
 from chemage_inference.problem import REACH, Linear, Prior, Problem

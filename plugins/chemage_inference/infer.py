@@ -36,6 +36,7 @@ from chemage_inference.problem import (
     Unknowns,
     redrawn_outside,
     unknowns_of,
+    values_of,
 )
 from chemage_inference.result import Inference, scene_of
 from chemage_inference.sampling import CHAINS, Samples
@@ -307,7 +308,9 @@ def _inference(
     scalars = unknowns.values(samples.positions)
     if unknowns.factor is not None:
         scalars["bond_force"] = samples.factors * model.chemistry.bond_force
-    matrix, offset = problem.at(unknowns.nodes[problem.start])
+    # with the scalars that the data allow
+    rows = np.arange(len(prior)) % len(samples.positions)
+    weights = unknowns.weights(samples.positions[rows])
     inference = Inference(
         energies=model.grid.nodes,
         samples=samples.densities,
@@ -321,12 +324,9 @@ def _inference(
         off=samples.off,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=offset + algebra.product(prior, matrix.T),
+        prior_fitted=values_of(prior, weights, problem.matrices, problem.offsets),
         curves=tuple(
-            {
-                name: getattr(curve, name)
-                for name in _STATED
-            }
+            {name: getattr(curve, name) for name in _STATED}
             for curve in model.curves
         ),
         scalars=scalars,

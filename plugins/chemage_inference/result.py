@@ -158,7 +158,7 @@ class Inference(Record):
     fitted: Doubles
     """(S, m) ΔF of each posterior sample as it would be measured, with calibration, drift and offset, nN"""
     prior_fitted: Doubles
-    """(P, m) ΔF of each sample of the prior, nN"""
+    """(P, m) ΔF of each sample of the prior of the density, with scalars of the posterior, nN"""
     curves: tuple[Plain, ...]
     """of each curve: ``name``, ``load`` (nN), ``temperature`` (K), ``quantity``"""
     scalars: Named = {}

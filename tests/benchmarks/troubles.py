@@ -67,9 +67,7 @@ def sites(load: float) -> np.ndarray:
     return 1.5 * load / (np.pi * radius**2) * np.sqrt(inside[inside > 0])
 
 
-def drop(
-    weights: np.ndarray, load: float, kelvin: float, times: np.ndarray, interaction: float = 0.0
-) -> np.ndarray:
+def drop(weights: np.ndarray, load: float, kelvin: float, times: np.ndarray, interaction: float = 0.0) -> np.ndarray:
     """ΔF, nN. Bonds raise all barriers by ``interaction`` × bonded share: sites then see a time that runs slower."""
     kt, pressure = KB * kelvin, sites(load)
     rates = NU * np.exp(-(ENERGIES - VOLUME * EV * np.quantile(pressure, (np.arange(20) + 0.5) / 20)[:, None]) / kt)
@@ -89,8 +87,10 @@ def drawn(rng: np.random.Generator) -> np.ndarray:
     """A density of one or two peaks and a background, of sum 1."""
     weights = np.zeros(ENERGIES.size)
     for _ in range(rng.integers(1, 3)):
-        weights += rng.uniform(0.3, 1) * np.exp(-0.5 * ((ENERGIES - rng.uniform(0.72, 1.1)) / rng.uniform(0.04, 0.12)) ** 2)
-    weights += rng.uniform(0, 0.3) * ((ENERGIES > 0.65) & (ENERGIES < rng.uniform(1.1, 1.4)))
+        weights += rng.uniform(0.3, 1) * np.exp(
+            -0.5 * ((ENERGIES - rng.uniform(0.72, 1.1)) / rng.uniform(0.04, 0.12)) ** 2
+        )
+    weights += rng.uniform(0, 0.3) * ((ENERGIES > 0.65) & (rng.uniform(1.1, 1.4) > ENERGIES))
     return weights / weights.sum()
 
 
