@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from chemage.plugin import KB
-from chemage_inference.noise import SPREAD, WIDER
+from chemage_inference.noise import WIDER
 
 if TYPE_CHECKING:
     from chemage_inference.result import Inference
@@ -30,8 +30,7 @@ SURE = 1.5
 SPREADS = np.array([0.15, 0.4, 1.0, 2.5])
 #: errors over the stated ones, and their probabilities beside a trouble
 LARGER = np.array([1.0, 1.25, 1.5, 2.0, 3.0, 4.5])
-_RARER = np.exp(-0.5 * (np.log(LARGER[1:]) / SPREAD) ** 2)
-BESIDE = np.append(0.7, 0.3 * _RARER / _RARER.sum())
+BESIDE = np.array([0.7, 0.1, 0.09, 0.07, 0.03, 0.01])
 #: e-folds of the hold time over which errors may be correlated
 TIMES = (1.5, 5.0, 15.0)
 #: standard deviation of the logarithm of the factor that all forces share
@@ -232,33 +231,23 @@ class Critic:
 
     def _of_errors(self) -> Iterator[Cause]:
         """Errors that are too small, or correlated."""
-        null = self._scaled[0][0]
+        several = []
         for name, mask, prior in self.groups:
             each = np.where(mask, LARGER[1:, None], 1.0)
             errors = [self.near * np.outer(scales, scales) for scales in each]
-            logs = np.log(BESIDE[1:] / 0.3) - null + prior
-            yield self._cause("scaled", name, errors, logs, LARGER[1:])
+            logs = np.log(BESIDE[1:] / BESIDE[1:].sum()) + prior
+            several.append(("scaled", name, errors, logs, LARGER[1:]))
         times, scales = np.repeat(TIMES, 3), np.tile(LARGER[[0, 2, 4]], len(TIMES))
         errors = [s**2 * self._near(t) for t, s in zip(times, scales, strict=True)]
-        logs = np.full(times.size, -np.log(times.size) - null)
-        yield self._cause("correlated", "", errors, logs, times)
-
-    def _cause(
-        self,
-        kind: str,
-        where: str,
-        errors: list[np.ndarray],
-        logs: np.ndarray,
-        sizes: np.ndarray,
-    ) -> Cause:
-        """The cause of several covariances of ``errors``, of prior ``logs`` and with amplitudes ``sizes``."""
-        logs = logs + np.array([self._evidence(each)[0] for each in errors])
-        odds = float(np.logaddexp.reduce(logs))
-        share = np.exp(logs - odds)
-        mean = float(share @ sizes)
-        deviation = float(share @ (sizes - mean) ** 2) ** 0.5
+        several.append(("correlated", "", errors, -np.log(times.size), times))
         nothing = np.zeros(self.errors.size)
-        return Cause(kind, where, odds, mean, deviation, np.nan, nothing)
+        for kind, where, errors, prior, sizes in several:
+            logs = prior + np.array([self._evidence(each)[0] for each in errors])
+            total = float(np.logaddexp.reduce(logs))
+            share, odds = np.exp(logs - total), total - self._scaled[0][0]
+            mean = float(share @ sizes)
+            deviation = float(share @ (sizes - mean) ** 2) ** 0.5
+            yield Cause(kind, where, odds, mean, deviation, np.nan, nothing)
 
     @property
     def named(self) -> list[Cause]:
@@ -315,7 +304,9 @@ class Critic:
             )
         elif least < UNLIKELY:
             yield f"{where}: improbable given all other points (p = {least:.1g}), and no known cause explains it"
-        shared = ["a factor of all forces"] * (not self.admits("factor"))
+        shared = ["a factor of all forces, which forecasts share"] * (
+            not self.admits("factor")
+        )
         missed = [*shared, *(cause.size for cause in self.missed)]
         yield f"would go unnoticed: {', '.join(missed)}"
 
