@@ -52,6 +52,11 @@ TROUBLES: dict[str, tuple[str, str, float, str, str]] = {
 }  # fmt: skip
 
 
+def _two(number: float) -> str:
+    """Two digits."""
+    return f"{float(f'{number:.2g}'):g}"
+
+
 class Cause(NamedTuple):
     """A trouble, and how the residuals support it."""
 
@@ -79,7 +84,7 @@ class Cause(NamedTuple):
 
     @property
     def size(self) -> str:
-        return f"{self.words} up to {self.least:.2g} {self.unit}"
+        return f"{self.words} up to {_two(self.least)} {self.unit}"
 
 
 def _log(covariance: np.ndarray, residual: np.ndarray) -> tuple[float, np.ndarray]:
@@ -294,8 +299,8 @@ class Critic:
             words = " or ".join(dict.fromkeys(cause.words for cause in named))
             assumed = f"forecasts assume that there is none; remedy: {remedy}"
             yield (
-                f"likeliest cause of the residuals: {words}; the first is {best.amplitude:.2g} ± "
-                f"{best.deviation:.1g} {best.unit} (log odds {best.odds:.1f}); "
+                f"likeliest cause of the residuals: {words}; the first is {_two(best.amplitude)} ± "
+                f"{_two(best.deviation)} {best.unit} (log odds {best.odds:.1f}); "
                 + (
                     "it is admitted"
                     if self.admits(best.kind, best.where)
