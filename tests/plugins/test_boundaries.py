@@ -201,7 +201,7 @@ def test_every_package_is_installed_and_found_by_editors():
         build = tomllib.load(file)["tool"]["hatch"]["build"]
     assert build["targets"]["wheel"] == {
         "only-include": ["chemage", "plugins"],
-        "exclude": ["plugins/*/docs"],
+        "exclude": ["plugins/*/docs", "ruff.toml"],
         "sources": ["plugins"],
     }
     # an editable install adds them in a .pth file, which type checkers read
