@@ -39,6 +39,8 @@ SHARED = 1.0
 UNLIKELY = 0.002
 #: scale of the errors that is surely above this is named in a note
 NOTEWORTHY = 1.1
+#: kinds by which forecasts change about linearly: offsets do not, and neighbours change forecasts as well
+LINEAR = "factor", "drift", "temperature"
 #: kind -> in words, unit of the amplitude, typical amplitude, what admits it, and the error term that is there then
 TROUBLES: dict[str, tuple[str, str, float, str, str]] = {
     "factor": ("a factor", "%", 10.0, 'calibration "force=10 %"', "calibration"),
@@ -347,15 +349,14 @@ class Critic:
             moved = -amplitude * (pulls @ cause.signature @ spread)
             return moved, int(np.abs(moved / half).argmax())
 
-        # neighbours would change the forecast as well
         for cause in self.named[:1]:
-            if cause.signature.any() and cause.kind != "interaction":
+            if cause.kind in LINEAR:
                 moved, at = change(cause, cause.amplitude)
                 share = moved[at] / max(middle[at], half[at])
                 yield f"{cause.words}, once admitted, changes ΔF at {times[at]:.3g} s by about {100 * share:+.0f} %"
         for cause in self.missed:
             moved, at = change(cause, cause.least)
-            if cause.kind != "interaction" and abs(moved[at]) > half[at]:
+            if cause.kind in LINEAR and abs(moved[at]) > half[at]:
                 share = min(abs(moved[at]) / max(middle[at], half[at]), 1.0)
                 yield (
                     f"unnoticed, {cause.size} changes ΔF at {times[at]:.3g} s by up to {100 * share:.0f} %, more than "
