@@ -12,15 +12,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from chemage.plugin import KB
 from chemage_inference.noise import WIDER
-
-if TYPE_CHECKING:
-    from chemage_inference.result import Inference
 
 #: log odds against measurements without trouble from which one is named, and those by which it excludes others
 NAMED, CLOSE = 2.0, 2.0
@@ -100,7 +97,8 @@ def _log(covariance: np.ndarray, residual: np.ndarray) -> tuple[float, np.ndarra
 class Critic:
     """What the residuals of an inference say; arrays of points in stated errors, those of suspect points larger."""
 
-    one: Inference
+    #: an :class:`chemage_inference.result.Inference`
+    one: Any
 
     @cached_property
     def errors(self) -> np.ndarray:
