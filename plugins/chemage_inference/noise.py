@@ -176,6 +176,9 @@ class Noise:
         )
 
     def correlation(self, state: State) -> np.ndarray:
+        """(m,) of each error with that of the point before."""
+        if not self.model.correlated:
+            return np.zeros(self.stated.size)
         return np.minimum(np.exp(-self._gaps / np.exp(state.log_time)), NEAREST)
 
     def white(self, state: State, rows: np.ndarray) -> np.ndarray:
@@ -233,11 +236,7 @@ class Noise:
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
         # without correlation summed over which points are off
         rare = RARE if self.model.robust and not self.model.correlated else 0.0
-        near = (
-            self.correlation(state)
-            if self.model.correlated
-            else np.zeros(residual.size)
-        )
+        near = self.correlation(state)
         fixed_part = residual, self.stated, self.floors, self.curve, near
         here = kernels.curve_logs(
             *fixed_part, state.scales, state.inflation, rare, WIDER

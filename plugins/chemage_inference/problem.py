@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -173,9 +173,9 @@ class Unknowns:
         }
 
     @cached_property
-    def _splines(self) -> list[tuple[np.ndarray, Any]]:
-        """Of each axis the coefficients of cardinal splines, and the cubic B-splines as piecewise polynomials."""
-        from scipy.interpolate import BSpline, PPoly, make_interp_spline
+    def _splines(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each axis the coefficients of cardinal splines, and (4, pieces, splines) those of the cubic B-splines."""
+        from scipy.interpolate import BSpline, make_interp_spline
 
         splines = []
         for axis in self.axes.values():
@@ -183,7 +183,7 @@ class Unknowns:
             cardinal = make_interp_spline(at, each)
             basis = BSpline(cardinal.t, each, cardinal.k)
             powers = [basis(at[:-1], k) / math.factorial(k) for k in range(4)]
-            splines.append((cardinal.c, PPoly(np.stack(powers[::-1]), at)))
+            splines.append((cardinal.c, np.stack(powers)))
         return splines
 
     def coefficients(self, array: np.ndarray) -> np.ndarray:
@@ -199,7 +199,10 @@ class Unknowns:
         """(S, g) of the coefficients at ``positions`` (S, d); at most four along each axis are not 0."""
         weights = np.ones((len(positions), 1))
         for (_, polynomials), at in zip(self._splines, positions.T, strict=True):
-            basis = polynomials(at)
+            piece = np.minimum(at.astype(np.int64), polynomials.shape[1] - 1)
+            basis, away = polynomials[3, piece], (at - piece)[:, None]
+            for power in polynomials[2::-1]:
+                basis = basis * away + power[piece]
             weights = (weights[:, :, None] * basis[:, None]).reshape(len(at), -1)
         return weights
 

@@ -20,7 +20,7 @@ from chemage_inference import kernels
 from chemage_inference.noise import State
 from chemage_inference.open import effective as effective_samples
 from chemage_inference.open import r_hat
-from chemage_inference.problem import LEVEL, STRENGTHS, Problem, summed, values_of
+from chemage_inference.problem import LEVEL, STRENGTHS, Problem, values_of
 
 #: chains, and sweeps of each before samples are kept
 CHAINS, WARM = 4, 400
@@ -35,8 +35,10 @@ EVERY = 2
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
-#: passes over the density in a sweep
-PASSES = 3
+#: passes over the density in a sweep, and moves of scalars in each
+PASSES, MOVED = 3, 3
+#: densities at most that are looked at for one direction of an exchange between density and factor
+TRIES = 30
 #: sets of positive nodes that directions are drawn with, at most
 PATTERNS = 8
 #: choices of the prior among which one is drawn
@@ -97,6 +99,8 @@ class Chain:
         self._scalars = np.zeros((0, self.scalars(self.place).size))
         self._patterns: list[_Pattern] = []
         self._last: Any = None, None, None
+        # what kernels.moved knows of the present place; nan at last: nothing
+        self._known = np.full(start.size + 1, np.nan)
         self._sweep = 0
         every = np.arange(len(problem.prior.combinations))
         logs = self._log_priors(self.x, every)
@@ -133,8 +137,11 @@ class Chain:
             self._drawn_density()
             self._drawn_complete()
             if self._widths.size:
-                self._moved_scalars()
-                self._completed()
+                self._exchanged()
+                for _ in range(MOVED):
+                    self._moved_scalars()
+        if self._widths.size:
+            self._completed()
         self._drawn_choice()
         self._sweep += 1
         if not self.noise.fixed and self._sweep % EVERY == 0:
@@ -153,7 +160,7 @@ class Chain:
             rows = rows.reshape(-1, rows.shape[2])
             mean_square = algebra.product(rows.T, rows) / len(matrices)
             axes = algebra.row_axes(mean_square, NEGLIGIBLE**2).T
-        return axes, algebra.product(matrices, axes)
+        return np.ascontiguousarray(axes), algebra.product(matrices, axes)
 
     def _rows(
         self, place: ChainPosition, mass: float | None
@@ -164,27 +171,22 @@ class Chain:
         """
         if self._last[0] is not place or self._last[1] != mass:
             self._last = place, mass, self._made_rows(place, mass)
+            self._known[-1] = np.nan
         return self._last[2]
 
     def _made_rows(
         self, place: ChainPosition, mass: float | None
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        axes, parts = self._rotated
-        weights = self.problem.unknowns.weights(place.position[None])[0]
-        factor = np.exp(place.log_factor) * self.noise.factor(place.state)
-        parts = summed(weights, parts)
-        parts = self.noise.white(place.state, factor[:, None] * parts)
-        offsets = summed(weights, self.problem.offsets)
-        values = self.problem.values - self.noise.added(place.state)
-        goal = self.noise.white(place.state, values - factor * offsets)
-        lower = algebra.cholesky(
-            algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
+        problem, noise, state = self.problem, self.noise, place.state
+        matrix, target, rest = kernels.reduced(
+            problem.unknowns.weights(place.position[None])[0],
+            *self._rotated,
+            problem.offsets,
+            problem.values - noise.added(state),
+            np.exp(place.log_factor) * noise.factor(state),
+            noise.errors(state),
+            noise.correlation(state),
         )
-        matrix = algebra.product(axes, lower)
-        target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[
-            :, 0
-        ]
-        rest = float(algebra.product(goal, goal) - algebra.product(target, target))
         if mass is not None:
             row = self.problem.areas[:, None] / COMPLETE
             matrix = np.concatenate([matrix, row], axis=1)
@@ -267,6 +269,7 @@ class Chain:
 
     def _drawn_density(self) -> None:
         """Draw the process anew along as many lines as it has nodes."""
+        self._known[-1] = np.nan
         problem = self.problem
         matrix, target, _ = self._rows(self.place, self._integral)
         directions = self._directions(self.x.size)
@@ -325,6 +328,7 @@ class Chain:
             np.array(limits),
             gumbels,
             shift,
+            self._known,
         )
 
     # -- errors -------------------------------------------------------------------------------------------------------
@@ -381,17 +385,59 @@ class Chain:
         most = np.maximum(np.abs(matrices).max(axis=2), 1e-300)
         return (matrices.sum(axis=2) / most).mean(axis=1)
 
-    def _moved_scalars(self) -> None:
-        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
-        rng, size, unknowns = self.rng, self._widths.size, self.problem.unknowns
-        if len(self._scalars) > 1 and rng.random() < 0.7:
-            one, other = self._scalars[rng.integers(len(self._scalars), size=2)]
+    @cached_property
+    def _common(self) -> np.ndarray:
+        """(k,) 1 for the scalars whose sum with one number is a common factor of all values: ⟨f⟩, or calibrations."""
+        unknowns, nuisances = self.problem.unknowns, self.noise.nuisances
+        known = unknowns.factor is None
+        shared = [known and name == "calibration" for name, _ in nuisances]
+        before = [False] * len(unknowns.axes) + [True] * (not known)
+        return np.array([*before, *shared], dtype=float)
+
+    def _exchanged(self) -> None:
+        """Draw a common factor with the density, whose integral stays, where values are proportional to it."""
+        problem, scalars = self.problem, self.scalars(self.place)
+        common = np.flatnonzero(self._common)
+        # what neighbours add is not, but for rounding
+        if not common.size or np.abs(problem.offsets).max() > 1e-9:
+            return
+        matrix, target, _ = self._rows(self.place, self._integral)
+        count = target.size - self.complete
+        directions = self._directions(self.x.size // 2)
+        inverse = problem.prior.precisions[0][self.choice]
+        widths, bounds = self._widths[common], problem.unknowns.factor
+        rise = kernels.exchanged(
+            self.x,
+            LEVEL,
+            algebra.product(inverse, self.x),
+            np.ascontiguousarray(matrix[:, :count]),
+            target[:count].copy(),
+            problem.areas,
+            directions,
+            algebra.products(directions, inverse),
+            scalars[common],
+            np.full(1, np.inf) if bounds else widths,
+            np.array(bounds or (-np.inf, np.inf)),
+            self.rng.random((len(directions), TRIES)),
+        )
+        self.place = self._placed(scalars + rise * self._common)
+        self._known[-1] = np.nan
+
+    def _step(self) -> np.ndarray:
+        """(k,) by which scalars move: a difference of earlier values, or of one of them, as in its prior."""
+        rng, size, count = self.rng, self._widths.size, len(self._scalars)
+        if count > 1 and rng.random() < 0.7:
+            one, other = self._scalars[rng.integers(count, size=2)]
             step = one - other
         else:
             step = self._widths * rng.standard_normal(size)
             step *= np.arange(size) == rng.integers(size)
-        step *= rng.choice(STEPS) + LONGER * (len(self._scalars) > 1)
-        place, shift = self._placed(self.scalars(self.place) + step), 0
+        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 1))
+
+    def _moved_scalars(self) -> None:
+        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
+        rng, unknowns = self.rng, self.problem.unknowns
+        place, shift = self._placed(self.scalars(self.place) + self._step()), 0
         if (
             unknowns.axes
             and rng.random() < 0.5
@@ -409,15 +455,8 @@ class Chain:
         An open density is scaled to one whose integral is about 1; the probability with which that leads back is a
         further row of the open model.
         """
-        rng, unknowns = self.rng, self.problem.unknowns
-        direction = np.zeros(self._widths.size)
-        if unknowns.factor is not None:
-            direction[len(unknowns.axes)] = 1.0
-        elif self.noise.model.calibration:
-            nuisances = self.noise.nuisances
-            shared = [float(name == "calibration") for name, _ in nuisances]
-            direction[len(unknowns.axes) :] = shared
-        else:
+        rng, direction = self.rng, self._common
+        if not direction.any():
             return
         width = float(self._widths @ direction / direction.sum())
         if self.complete:
