@@ -134,15 +134,15 @@ def calibrate(
             f"scene {scene.name!r}: neighbours are simulated at one density, which takes hours for {count} truths; "
             "leave out [interaction] for the calibration"
         )
-    force, load = calibrations(calibration)
+    load, nuisances = calibrations(calibration)
     if load:
         raise InputError.of(
             "calibration.load",
             load,
             "is not drawn here",
-            "give that of the force alone",
+            "give those of the instruments alone",
         )
-    error_model = ErrorModel.of(errors, force)
+    error_model = ErrorModel.of(errors, **nuisances)
     seed, count = checked_seed(seed), checked_count("count", count, 10)
     report = progress or (lambda stage, done, total, note="": None)
     with scene.in_use():
@@ -218,8 +218,7 @@ def _errors(
             log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal()),
         )
     state = replace(
-        state,
-        calibration=model.calibration * rng.standard_normal(state.calibration.size),
+        state, nuisances=noise.widths * rng.standard_normal(noise.widths.size)
     )
     drawn = rng.standard_normal(fitted.size)
     if model.correlated:
@@ -228,7 +227,8 @@ def _errors(
             drawn[at] = (
                 near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
             )
-    return noise.factor(state) * fitted + noise.errors(state) * drawn, state
+    measured = noise.factor(state) * fitted + noise.added(state)
+    return measured + noise.errors(state) * drawn, state
 
 
 def _ranks(
@@ -287,11 +287,10 @@ def _ranks(
             samples.scales[:, 0],
             float(state.scales[0]),
         )
-    if model.error_model.calibration:
-        quantities["calibration"] = (
-            samples.calibrations[:, 0],
-            float(np.exp(state.calibration[0])),
-        )
+    drawn = zip(samples.nuisances.T, state.nuisances.tolist(), strict=True)
+    for (name, instrument), pair in zip(model.noise.nuisances, drawn, strict=True):
+        if not instrument:
+            quantities[name] = pair
     return {
         name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()
     }

@@ -228,8 +228,8 @@ def read_curves(
     )
 
 
-def check_curves(curves: Sequence[MeasuredCurve]) -> None:
-    """Refuse what no density can be inferred from: hold times of one decade, curves that fall.
+def check_curves(curves: Sequence[MeasuredCurve], drift: float = 0.0) -> None:
+    """Refuse what no density can be inferred from: hold times of one decade, curves that fall by more than a ``drift``.
 
     Raises
     ------
@@ -253,7 +253,8 @@ def check_curves(curves: Sequence[MeasuredCurve]) -> None:
             np.log10(times), values, 1, w=1 / errors, cov="unscaled"
         )
         # stated errors may be too small by a factor
-        if slope < -3 * LARGEST * (error := math.sqrt(covariance[0, 0])):
+        error = math.sqrt(covariance[0, 0])
+        if slope < -3 * (LARGEST * error + drift * np.abs(values).max()):
             raise InputError(
                 f"{curve.name}: values fall, by {-slope:.3g} ± {error:.2g} nN per decade of hold time, but bonds that "
                 "form can only add; check the sign and the order of the values"

@@ -284,7 +284,7 @@ class InferenceDisplay(OfRecord[Inference]):
     """An inference as users see it, with what was asked of it."""
 
     width = 80
-    errors = "bands of the posterior: they contain the errors of the measurements, and not those of the scene"
+    errors = "bands of the posterior: they contain the inferred errors, and neither undeclared ones nor those of the scene"
     please_cite = "Please cite these works:"
 
     def __init__(self, result: InferenceResult) -> None:

@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.plugin import algebra, progress
+from chemage.plugin import algebra, progress, units
 from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
 from chemage_inference.problem import REACH, Linear, Prior, Problem
@@ -36,11 +36,22 @@ GUESSES, PARAMETERS = 3, 7
 SHORT, SHORT_SWEEPS = 400, 200
 
 
-def smooth_fit(
-    data: Linear, weight: float, factor: float = 1.0
-) -> tuple[np.ndarray, float]:
-    """The density (n,) ≥ 0 of least χ² + ``weight`` × ∫ p''² of integral at most 1, and its χ²."""
-    grid = data.grid
+class Fit(NamedTuple):
+    """A density that fits best."""
+
+    #: (n,) 1/eV
+    density: np.ndarray
+    chi2: float
+    #: (m,) as the instruments measure them
+    fitted: np.ndarray
+    #: (q,) nuisances, in their standard deviations
+    nuisances: np.ndarray
+
+
+def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> Fit:
+    """The density (n,) ≥ 0 of integral at most 1 and the nuisances z of least χ² + z² + ``weight`` × ∫ p''²."""
+    grid, shared = data.grid, data.nuisances
+    count = shared.shape[1]
     matrix = factor * data.matrix
     values = data.values - factor * data.offset
     second = (
@@ -53,18 +64,28 @@ def smooth_fit(
     rows = np.concatenate([matrix / data.errors[:, None], second])
     rows = np.concatenate([np.pad(rows, ((0, 0), (0, 1))), limit])
     goal = np.concatenate([values / data.errors, np.zeros(len(second)), [1e3]])
-    density = algebra.nonnegative(rows.T.copy(), goal)[:-1]
+    if count:  # each is the difference of two that are not negative
+        each, below = shared / data.errors[:, None], len(second) + 1
+        each = np.concatenate([each, np.zeros((below, count)), np.eye(count)])
+        rows = np.pad(rows, ((0, count), (0, 0)))
+        rows = np.concatenate([rows, each, -each], axis=1)
+        goal = np.append(goal, np.zeros(count))
+    found = algebra.nonnegative(rows.T.copy(), goal)
+    density, ends = found[: grid.count], found[grid.count + 1 :].reshape(2, -1)
     density /= max(1.0, float(algebra.product(density, grid.areas)))
-    return density, float(
-        np.sum(((algebra.product(matrix, density) - values) / data.errors) ** 2)
-    )
+    nuisances = ends[0] - ends[1]
+    fitted = algebra.product(matrix, density)
+    if count:
+        fitted += algebra.product(shared, nuisances)
+    chi2 = float(np.sum(((fitted - values) / data.errors) ** 2))
+    return Fit(density, chi2, factor * data.offset + fitted, nuisances)
 
 
 def first_estimate(data: Linear, factor: float) -> np.ndarray:
     """The smoothest density whose χ² does not exceed the number of values, or nearly the least χ² if none does."""
     best, least = np.zeros(0), np.inf
     for weight in WEIGHTS * 1e-4:
-        density, chi2 = smooth_fit(data, float(weight), factor)
+        density, chi2, *_ = smooth_fit(data, float(weight), factor)
         if chi2 < 0.95 * least:
             best, least = density, chi2
         if chi2 <= data.values.size:
@@ -73,11 +94,15 @@ def first_estimate(data: Linear, factor: float) -> np.ndarray:
 
 
 def check_explained(
-    data: Linear, labels: list[str], largest: np.ndarray, stated: np.ndarray
+    data: Linear,
+    labels: list[str],
+    largest: np.ndarray,
+    stated: np.ndarray,
+    hints: Sequence[str] = (),
 ) -> None:
     """Refuse data that no non-negative density of integral at most 1 explains; ``labels`` name the values.
 
-    Errors (m,) are at most ``largest``; messages count in those that are ``stated``.
+    ``hints`` are possible reasons. Errors (m,) are at most ``largest``; messages count in those that are ``stated``.
 
     Raises
     ------
@@ -88,21 +113,9 @@ def check_explained(
 
     data = replace(data, errors=largest)
     values, errors, grid = data.values, stated, data.grid
-    fits = []
-    for factor in (
-        [1.0]
-        if data.factor is None
-        else np.geomspace(np.exp(data.factor[0]), np.exp(data.factor[1]), 9)
-    ):
-        density, chi2 = smooth_fit(data, 1e-12, factor)
-        fits.append(
-            (
-                chi2,
-                density,
-                factor * (data.offset + algebra.product(data.matrix, density)),
-            )
-        )
-    chi2, density, fitted = min(fits, key=lambda fit: fit[0])
+    factors = [1.0] if data.factor is None else np.exp(np.linspace(*data.factor, 9))
+    fits = [smooth_fit(data, 1e-12, float(factor)) for factor in factors]
+    density, chi2, fitted, _ = min(fits, key=lambda fit: fit.chi2)
     if distribution.sf(chi2, values.size) >= UNLIKELY:
         return
     residuals = (values - fitted) / errors
@@ -113,7 +126,7 @@ def check_explained(
         for at in sorted(worst)
     )
     share = float(algebra.product(density, grid.areas))
-    why = []
+    why = list(hints)
     above = values - fitted
     if share > 0.99 and np.sum(above / errors) > 0:
         why.append(
@@ -189,7 +202,7 @@ def _best_point(model: Model) -> int:
     def misfit(point: int) -> float:
         data, factor = _alone(model, point)
         prior = model.unknowns.log_prior(nodes[point])
-        return smooth_fit(data, 1e-11, factor)[1] - 2 * prior
+        return smooth_fit(data, 1e-11, factor).chi2 - 2 * prior
 
     best, step = model.middle, int(nodes.max() + 1) // 4
     while step:
@@ -215,18 +228,24 @@ def _with_guessed_errors(model: Model, data: Linear) -> Linear:
     for _ in range(GUESSES):
         data = replace(data, errors=noise.errors(model.state))
         fits = [smooth_fit(data, 1e-11, float(factor)) for factor in factors]
-        best = int(np.argmin([chi2 for _, chi2 in fits]))
-        residual = data.values - factors[best] * (
-            data.offset + algebra.product(data.matrix, fits[best][0])
-        )
-        model.state = noise.guessed(residual, PARAMETERS)
+        best = min(fits, key=lambda fit: fit.chi2)
+        guessed = noise.guessed(data.values - best.fitted, PARAMETERS)
+        model.state = replace(guessed, nuisances=noise.widths * best.nuisances)
     return replace(data, errors=model.errors)
 
 
 def _check_model(model: Model, data: Linear) -> None:
     noise = model.noise
+    cold = (
+        units.celsius_meant(f"temperature of {curve.name}", curve.temperature)
+        for curve in model.curves
+    )
     check_explained(
-        data, model.labels(), noise.largest(model.state), noise.errors(noise.start)
+        data,
+        model.labels(),
+        noise.largest(model.state),
+        noise.errors(noise.start),
+        [hint for hint in cold if hint],
     )
 
 
@@ -257,6 +276,7 @@ def _linear(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Linear:
         model.values,
         model.errors,
         model.unknowns.factor,
+        model.noise.linear(model.values),
     )
 
 

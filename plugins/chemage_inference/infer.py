@@ -27,7 +27,7 @@ from chemage_inference.energies import averaging
 from chemage_inference.families import compared, estimated, linear_problem, sampled
 from chemage_inference.forecast import band
 from chemage_inference.forward import Model, check_scene, make_model
-from chemage_inference.noise import ErrorModel
+from chemage_inference.noise import NUISANCES, ErrorModel
 from chemage_inference.problem import (
     REACH,
     Data,
@@ -36,10 +36,13 @@ from chemage_inference.problem import (
     Unknowns,
     redrawn_outside,
     unknowns_of,
+    values_of,
 )
 from chemage_inference.result import Inference, scene_of
 from chemage_inference.sampling import CHAINS, Samples
 
+#: what is kept of each curve
+_STATED = ("name", "load", "temperature", "quantity", "instrument")
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
 #: width over k_BT of the range of barriers that react about one hold time: full width at half maximum of the
@@ -54,8 +57,6 @@ MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
-#: scale of the errors that is surely above this is named in a note
-NOTEWORTHY = 1.1
 #: relative standard error of a calibration at most: beyond, forces were not measured
 MOST_CALIBRATION = 0.5
 
@@ -91,9 +92,10 @@ def infer(
         What is inferred of the errors: "scaled", a factor of the stated ones, for each curve; "robust", which points
         are off; "correlated", a correlation time along each curve. "as-stated" or none: errors as they are stated.
     calibration
-        Relative standard error of a factor that all values of an instrument share, such as "10 %"; or of
-        ``{"force": ..., "load": ...}``, where that of the load is another, which all curves share. Default: 0,
-        calibrated.
+        Relative standard error of a factor that all values of an instrument share, such as "10 %"; or standard errors
+        of several: ``force``, that factor; ``drift``, the relative change of it per decade of the hold time, where it
+        is 1 in the middle of the decades; ``offset`` (nN), what the instrument adds; and ``load``, the relative one of
+        all loads. Default: 0, calibrated.
     families
         Parametric families to compare, of "uniform", "triangle", "gaussian", "piecewise"; empty: none, and no scores.
     samples
@@ -115,9 +117,9 @@ def infer(
     begin = time.process_time()
     scene = scene_of(scene).completed()
     chemistry = check_scene(scene)
-    curves = _curves_of(measured)
-    force_error, load_error = calibrations(calibration)
-    error_model = ErrorModel.of(errors, force_error)
+    load_error, nuisances = calibrations(calibration)
+    error_model = ErrorModel.of(errors, **nuisances)
+    curves = _curves_of(measured, error_model.drift)
     unknowns = unknowns_of(unknown, chemistry, load_error)
     _check_chemistry(curves, scene, unknowns)
     seed, samples = checked_seed(seed), checked_count("samples", samples, 50)
@@ -156,8 +158,8 @@ def infer(
 
 def calibrations(
     given: units.QuantityLike | Mapping[str, units.QuantityLike],
-) -> tuple[float, float]:
-    """Relative standard errors of the common factor of forces, and of loads.
+) -> tuple[float, dict[str, float]]:
+    """Relative standard error of loads, and standard deviations of :data:`chemage_inference.noise.NUISANCES`.
 
     Raises
     ------
@@ -165,27 +167,23 @@ def calibrations(
         A name that is none, or an error that is negative or more than 50 %.
     """
     parts = given if isinstance(given, Mapping) else {"force": given}
-    for name in parts:
-        if name not in ("force", "load"):
-            raise InputError.of(
-                "calibration", name, "is no calibration", "choose force or load"
-            )
-    errors = {
-        name: convert(value, "", f"calibration.{name}")
-        for name, value in parts.items()
-    }
-    for name, value in errors.items():
-        if not 0 <= value <= MOST_CALIBRATION:
-            raise InputError.of(
-                f"calibration.{name}",
-                parts[name],
-                "must be between 0 and 50 %",
-                '10 % is 0.1 or "10 %"',
-            )
-    return errors.get("force", 0.0), errors.get("load", 0.0)
+    names = "force", "drift", "offset", "load"
+    errors: dict[str, float] = dict.fromkeys(names, 0.0)
+    for name, value in parts.items():
+        if name not in errors:
+            choice = f"choose of {', '.join(names)}"
+            raise InputError.of("calibration", name, "is no calibration", choice)
+        unit, field = NUISANCES.get(name, ""), f"calibration.{name}"
+        errors[name] = convert(value, unit, field)
+        if not 0 <= errors[name] <= (np.inf if unit else MOST_CALIBRATION):
+            most = "be at least 0 nN" if unit else "be between 0 and 50 %"
+            remedy = "0.5 nN is 0.5" if unit else '10 % is 0.1 or "10 %"'
+            raise InputError.of(field, value, f"must {most}", remedy)
+    errors["calibration"] = errors.pop("force")
+    return errors.pop("load"), errors
 
 
-def _curves_of(measured: Any) -> tuple[MeasuredCurve, ...]:
+def _curves_of(measured: Any, drift: float) -> tuple[MeasuredCurve, ...]:
     if isinstance(measured, str | Path) or hasattr(measured, "itertuples"):
         measured = read_curves(measured)
     curves = (measured,) if isinstance(measured, MeasuredCurve) else measured
@@ -198,7 +196,7 @@ def _curves_of(measured: Any) -> tuple[MeasuredCurve, ...]:
             "is no MeasuredCurve",
             "give curves from chemage.read_curves, or a file",
         )
-    check_curves(curves)
+    check_curves(curves, drift)
     return tuple(curves)
 
 
@@ -267,7 +265,7 @@ def with_hidden(
         ),
         problem.unknowns.weights(samples.positions),
         samples.factors,
-        noise.white(state, problem.values),
+        noise.white(state, problem.values - noise.added(state)),
         np.stack(
             [noise.white(state, factor * offset) for offset in problem.offsets]
         ),
@@ -300,7 +298,7 @@ def _inference(
         model, samples, problem.prior, prior
     )
     noise, state = problem.noise, samples.typical
-    fitted = samples.calibrations[:, noise.instrument] * samples.fitted(problem)
+    fitted = samples.expected(problem)
     # in independent combinations of the points, or a correlated error counts as a parameter of the density
     each = noise.white(state, (problem.values - fitted).T)
     chi2 = float(
@@ -310,7 +308,9 @@ def _inference(
     scalars = unknowns.values(samples.positions)
     if unknowns.factor is not None:
         scalars["bond_force"] = samples.factors * model.chemistry.bond_force
-    matrix, offset = problem.at(unknowns.nodes[problem.start])
+    # with the scalars that the data allow
+    rows = np.arange(len(prior)) % len(samples.positions)
+    weights = unknowns.weights(samples.positions[rows])
     inference = Inference(
         energies=model.grid.nodes,
         samples=samples.densities,
@@ -324,12 +324,9 @@ def _inference(
         off=samples.off,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
-        prior_fitted=offset + algebra.product(prior, matrix.T),
+        prior_fitted=values_of(prior, weights, problem.matrices, problem.offsets),
         curves=tuple(
-            {
-                name: getattr(curve, name)
-                for name in ("name", "load", "temperature", "quantity")
-            }
+            {name: getattr(curve, name) for name in _STATED}
             for curve in model.curves
         ),
         scalars=scalars,
@@ -381,15 +378,11 @@ def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
         terms["correlation time"] = np.exp(
             [state.log_time for state in samples.states]
         )
-    if error_model.calibration:
-        names = [f"calibration of {name}" for name in model.instruments]
-        terms |= dict(
-            zip(
-                names if len(names) > 1 else ("calibration",),
-                samples.calibrations.T,
-                strict=True,
-            )
-        )
+    several, nuisances = len(model.instruments) > 1, model.noise.nuisances
+    for (name, number), drawn in zip(nuisances, samples.nuisances.T, strict=True):
+        label = f"{name} of {model.instruments[number]}" if several else name
+        # a factor by its logarithm
+        terms[label] = np.exp(drawn) if name == "calibration" else drawn
     return terms
 
 
@@ -452,10 +445,7 @@ def _notes(
     chi2, count = inference.chi2, problem.values.size
     if chi2 > 1.5 * count + 10:
         yield f"χ² = {chi2:.0f} for {count} points: the errors are too small, or the scene is off"
-    for number, curve in enumerate(inference.curves):
-        scale = inference.error_terms.get(f"scale {number}")
-        if scale is not None and np.quantile(scale, 0.05) > NOTEWORTHY:
-            yield f"{curve['name']}: the scatter is {np.median(scale):.1f} times the stated errors; all bands contain it"
+    yield from inference.critic.notes()
     if suspects := inference.suspects():
         yield f"suspect points, which hardly count: {', '.join(suspects)}; measure them again"
 

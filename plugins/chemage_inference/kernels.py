@@ -269,6 +269,104 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
 
 
 @kernel(nogil=True)
+def exchanged(
+    x,
+    level,
+    pull,
+    matrix,
+    target,
+    areas,
+    directions,
+    pulls,
+    logs,
+    widths,
+    bounds,
+    uniforms,
+):
+    """Draw ``x`` (n,) and a common factor anew along each of the ``directions`` (k, n) of their product, in place.
+
+    What ``x`` loses by the factor 1/f keeps its integral, so that sites move between energies while the factor follows.
+    By slice sampling (Neal, Ann. Statist. 31, 705 (2003)). ``pull`` (n,) is the inverse covariance times x, ``pulls``
+    (k, n) times the directions; ``matrix`` (n, r) and ``target`` (r,) are those of the present factor; ``logs`` (q,)
+    are the logarithms that the factor changes, normal with ``widths`` (q,) and within ``bounds`` (2,). ``uniforms``:
+    (k, :). Returns the logarithm of the whole factor.
+    """
+    n, tries = x.size, uniforms.shape[1]
+    trial, residual = np.empty(n), np.empty(target.size)
+    whole = 0.0
+    for number in range(directions.shape[0]):
+        v = directions[number]
+        xx = xv = vv = lx = lv = mass = step = 0.0
+        for i in range(n):
+            xx += x[i] * pull[i]
+            xv += v[i] * pull[i]
+            vv += v[i] * pulls[number, i]
+            lx += level * pull[i]
+            lv += level * pulls[number, i]
+            mass += areas[i] * max(x[i], 0.0)
+        for k in range(target.size):
+            seen = 0.0
+            for i in range(n):
+                seen += v[i] * matrix[i, k]
+            step += seen * seen
+        if not vv > 0.0 or not mass > 0.0:
+            continue
+        step = 2.0 / math.sqrt(vv + step)
+        low, high, top, used, stage, at, share = 0.0, 0.0, 0.0, 0, 0, 0.0, 1.0
+        # 0: the height; 1 and 2: the lower and upper end; 3: within
+        while used < tries:
+            there = 0.0
+            for k in range(target.size):
+                residual[k] = -target[k]
+            for i in range(n):
+                trial[i] = x[i] + at * v[i]
+                if trial[i] > 0.0:
+                    there += areas[i] * trial[i]
+                    for k in range(target.size):
+                        residual[k] += trial[i] * matrix[i, k]
+            value = -np.inf
+            if there > 0.0:
+                share = mass / there
+                log = math.log(share)
+                value = n * log
+                value -= 0.5 * share * share * (xx + at * (2.0 * xv + at * vv))
+                value += share * (lx + at * lv)
+                for k in range(target.size):
+                    value -= 0.5 * residual[k] * residual[k]
+                for q in range(logs.size):
+                    value -= 0.5 * ((logs[q] - whole - log) / widths[q]) ** 2
+                    if not bounds[0] <= logs[q] - whole - log <= bounds[1]:
+                        value = -np.inf
+            uniform = uniforms[number, used]
+            used += 1
+            if stage == 0:
+                top = value + math.log(max(uniform, 1e-300))
+                low = -step * uniforms[number, used]
+                high, at, stage = low + step, low, 1
+                used += 1
+            elif stage < 3 and value > top:
+                low -= step * (stage == 1)
+                high += step * (stage == 2)
+                at = low if stage == 1 else high
+            elif stage == 1:
+                at, stage = high, 2
+            elif stage == 2:
+                at, stage = low + uniform * (high - low), 3
+            elif value > top:
+                for i in range(n):
+                    x[i] = share * trial[i]
+                    pull[i] = share * (pull[i] + at * pulls[number, i])
+                    for k in range(target.size):
+                        matrix[i, k] /= share
+                whole += math.log(share)
+                break
+            else:
+                low, high = (at, high) if at < 0.0 else (low, at)
+                at = low + uniform * (high - low)
+    return -whole
+
+
+@kernel(nogil=True)
 def log_priors(x, level, candidates, inverses, logs):
     """(k,) logarithm of the prior of ``x`` (n,) of each of the ``candidates`` (k,), but for a constant.
 
@@ -286,6 +384,37 @@ def log_priors(x, level, candidates, inverses, logs):
             total += (x[i] - level) * (2.0 * row + inverse[i, i] * (x[i] - level))
         priors[k] = logs[candidates[k]] - 0.5 * total
     return priors
+
+
+@kernel(nogil=True)
+def reduced(weights, axes, parts, offsets, values, factor, errors, near):
+    """Matrix (n, r) and target (r,) of the misfit, and the part of χ² that does not depend on the density.
+
+    ``weights`` (g,) of the coefficients ``parts`` (g, m, r), the measurements by the ``axes`` (n, r), and ``offsets``
+    (g, m); ``values`` (m,), measured, are ``factor`` (m,) times those of the model, with ``errors`` (m,) and
+    correlations ``near`` (m,) with the point before.
+    """
+    m, r = values.size, axes.shape[1]
+    rows, goal = np.zeros((m, r)), np.zeros((m, 1))
+    for point in range(weights.size):
+        if weights[point] != 0.0:
+            rows += weights[point] * parts[point]
+            goal[:, 0] += weights[point] * offsets[point]
+    for i in range(m - 1, -1, -1):
+        goal[i, 0] = (values[i] - factor[i] * goal[i, 0]) / errors[i]
+        for k in range(r):
+            rows[i, k] = factor[i] * rows[i, k] / errors[i]
+    for i in range(m - 1, 0, -1):
+        if near[i] != 0.0:
+            root = math.sqrt(1.0 - near[i] * near[i])
+            goal[i, 0] = (goal[i, 0] - near[i] * goal[i - 1, 0]) / root
+            rows[i] = (rows[i] - near[i] * rows[i - 1]) / root
+    columns = rows.T.copy()
+    lower = algebra.cholesky(algebra.products(columns, rows) + 1e-6 * np.eye(r))
+    target = algebra.forward(lower, algebra.products(columns, goal))
+    rest = algebra.products(goal.T.copy(), goal)
+    rest -= algebra.products(target.T.copy(), target)
+    return algebra.products(axes, lower), target[:, 0].copy(), rest[0, 0]
 
 
 @kernel(nogil=True)
@@ -314,17 +443,19 @@ def moved(
     limits,
     gumbels,
     shift,
+    known,
 ):
     """Draw among ``choices`` (k,) of the prior and models of the measurements, at fixed v and fixed signs.
 
     Changes ``x`` (n,) in place and returns which was drawn, from 0; the first is the present one. ``gumbels`` (k,) are
     standard Gumbel numbers and what the logarithm of the probability has besides. ``matrices`` (1 or k, n, m),
-    ``targets`` and ``limits``: one model, or one for each choice, to which v and signs move by ``shift`` nodes. The
-    others are those of :func:`log_priors` and :func:`log_misfit`.
+    ``targets`` and ``limits``: one model, or one for each choice, to which v and signs move by ``shift`` nodes. ``known``
+    (n + 1,): log v and the logarithm of the density of the present one, or at last nan; afterwards those of the one
+    drawn. The others are those of :func:`log_priors` and :func:`log_misfit`.
     """
     n = x.size
     signs, log_shares = np.where(x > 0.0, 1.0, -1.0), np.empty(n)
-    trial, kept = x.copy(), x.copy()
+    trial, kept, shares = x.copy(), x.copy(), known.copy()
     precision, goal = np.empty((n, n)), np.empty((n, 1))
     number = np.empty(1, np.int64)
     best, chosen = -np.inf, 0
@@ -332,16 +463,24 @@ def moved(
         number[0] = choices[k]
         at = min(k, len(matrices) - 1)
         matrix, target, limit = matrices[at], targets[at], limits[at]
+        if k == 0 and len(matrices) > 1 and not np.isnan(known[n]):
+            log_shares[:] = known[:n]
+            best = gumbels[k] + known[n]
+            continue
         if k == 1:
             signs, log_shares = np.roll(signs, shift), np.roll(log_shares, shift)
         if k < len(matrices):
-            seen, pull = np.zeros_like(matrix), target.copy()
-            for i in range(n):
-                if signs[i] > 0.0:
-                    seen[i] = matrix[i]
-                    pull -= level * matrix[i]
-            precision = algebra.products(seen, seen.T.copy())
-            goal = algebra.products(seen, pull.reshape((-1, 1)))
+            places, pull = np.flatnonzero(signs > 0.0), target.copy()
+            seen = matrix[places]
+            for i in range(places.size):
+                pull -= level * seen[i]
+            square = algebra.products(seen, seen.T.copy())
+            right = algebra.products(seen, pull.reshape((-1, 1)))
+            precision[:], goal[:] = 0.0, 0.0
+            for i in range(places.size):
+                goal[places[i], 0] = right[i, 0]
+                for j in range(places.size):
+                    precision[places[i], places[j]] = square[i, j]
         lower = algebra.cholesky(inverses[number[0]] + precision)
         mean = solved(lower, algebra.forward(lower, goal).T)[0]
         after = np.zeros(n)  # of each node, what those after it pull
@@ -366,7 +505,10 @@ def moved(
         if value > best:
             best, chosen = value, k
             kept[:] = trial
+            shares[:n] = log_shares
+            shares[n] = value - gumbels[k]
     x[:] = kept
+    known[:] = shares
     return chosen
 
 

@@ -1,10 +1,11 @@
-"""Errors of measurements that are inferred: their scale, points that are off, correlation, a common calibration.
+"""Errors of measurements that are inferred: their scale, points that are off, correlation, nuisances of instruments.
 
-The residual of a point is the measured value less ``calibration`` × the value of the model. Over its standard error,
+The residual of a point is the measured value less exp(c + d ℓ) × the value of the model + o, with a calibration c, a
+drift d by the decades ℓ from the middle of the hold times, and an offset o of its instrument. Over its standard error,
 ``scale`` × the stated one, it is normal, or with the probability :data:`RARE` ten times as wide (contaminated normal
 distribution; Tukey 1960; Box & Tiao, Biometrika 55, 119 (1968)). Along a curve residuals may be correlated as
 exp(−|Δ ln t|/τ), an Ornstein-Uhlenbeck process, whose inverse covariance couples neighbours only. Scale, points, τ and
-calibration, one for each instrument, are sampled with the density.
+the nuisances, each with a normal prior, are sampled with the density.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ NEAREST = 0.99
 SUSPECT = 0.5
 #: what may be inferred of errors
 KINDS = ("scaled", "robust", "correlated")
+#: what all values of an instrument may share -> unit of its standard deviation in the prior: logarithms of a factor,
+#: and of one per decade of the hold time, which is 1 in the middle of the hold times of the instrument; what is added
+NUISANCES = {"calibration": "", "drift": "", "offset": "nN"}
 
 
 @dataclass(frozen=True)
@@ -40,11 +44,13 @@ class ErrorModel:
     scaled: bool = False
     robust: bool = False
     correlated: bool = False
-    #: standard deviation of the logarithm of the common factor of all values of an instrument; 0: calibrated
+    #: standard deviations of :data:`NUISANCES`; 0: there is none
     calibration: float = 0.0
+    drift: float = 0.0
+    offset: float = 0.0
 
     @classmethod
-    def of(cls, kinds: str | Sequence[str], calibration: float = 0.0) -> ErrorModel:
+    def of(cls, kinds: str | Sequence[str], **nuisances: float) -> ErrorModel:
         """The model of the names of its parts, such as ``("scaled", "robust")``; none: errors as stated."""
         names = [kinds] if isinstance(kinds, str) else list(kinds)
         names = [name for name in names if name != "as-stated" or len(names) > 1]
@@ -56,7 +62,7 @@ class ErrorModel:
                     "is not known",
                     f"choose of {', '.join(KINDS)}, or as-stated",
                 )
-        return cls(**dict.fromkeys(names, True), calibration=calibration)
+        return replace(cls(**dict.fromkeys(names, True)), **nuisances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +73,8 @@ class State:
     scales: np.ndarray
     #: (m,) further factor of each error: 1, or :data:`WIDER` where the point is off
     inflation: np.ndarray
-    #: (instruments,) logarithms of the calibrations
-    calibration: np.ndarray
+    #: (q,) of :attr:`Noise.nuisances`
+    nuisances: np.ndarray
     #: logarithm of the correlation time (e-folds)
     log_time: float = float(np.log(TIME))
 
@@ -90,21 +96,58 @@ class Noise:
     @cached_property
     def start(self) -> State:
         """Errors as stated."""
-        instruments = np.zeros(int(self.instruments.max(initial=0)) + 1)
         return State(
             np.ones(int(self.curve.max(initial=-1)) + 1),
             np.ones(self.stated.size),
-            instruments,
+            np.zeros(len(self.nuisances)),
         )
 
     @cached_property
-    def instrument(self) -> np.ndarray:
-        """(m,) numbers of the instruments."""
-        return self.instruments[self.curve]
+    def nuisances(self) -> list[tuple[str, int]]:
+        """(q,) names, and numbers of the instruments."""
+        count = int(self.instruments.max(initial=0)) + 1
+        names = [name for name in NUISANCES if getattr(self.model, name)]
+        return [(name, number) for name in names for number in range(count)]
+
+    @cached_property
+    def widths(self) -> np.ndarray:
+        """(q,) standard deviations in the prior."""
+        return np.array([getattr(self.model, name) for name, _ in self.nuisances])
+
+    @cached_property
+    def multiplies(self) -> np.ndarray:
+        """(q,) whether a nuisance is of a factor, or is added."""
+        return np.array([name != "offset" for name, _ in self.nuisances], bool)
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(m, q): what one of each nuisance adds to the logarithm of a value, or to the value."""
+        columns = np.zeros((self.stated.size, len(self.nuisances)))
+        instrument, decades = (
+            self.instruments[self.curve],
+            np.log10(self.hold_times),
+        )
+        for column, (name, number) in zip(columns.T, self.nuisances, strict=True):
+            here = np.flatnonzero(instrument == number)
+            ends = decades[here].min(), decades[here].max()
+            column[here] = decades[here] - np.mean(ends) if name == "drift" else 1.0
+        return columns
+
+    def _shared(self, state: State, kind: np.ndarray) -> np.ndarray:
+        return np.sum(self.columns[:, kind] * state.nuisances[kind], axis=1)
 
     def factor(self, state: State) -> np.ndarray:
-        """(m,) measured over true value."""
-        return np.exp(state.calibration)[self.instrument]
+        """(m,) measured over true value, without what is added."""
+        return np.exp(self._shared(state, self.multiplies))
+
+    def added(self, state: State) -> np.ndarray:
+        """(m,) nN: what the instruments add."""
+        return self._shared(state, ~self.multiplies)
+
+    def linear(self, values: np.ndarray) -> np.ndarray:
+        """(m, q): changes of true ``values`` (m,) by one standard deviation of each nuisance."""
+        scales = np.where(self.multiplies, values[:, None], 1.0)
+        return scales * self.columns * self.widths
 
     @property
     def fixed(self) -> bool:
@@ -133,6 +176,9 @@ class Noise:
         )
 
     def correlation(self, state: State) -> np.ndarray:
+        """(m,) of each error with that of the point before."""
+        if not self.model.correlated:
+            return np.zeros(self.stated.size)
         return np.minimum(np.exp(-self._gaps / np.exp(state.log_time)), NEAREST)
 
     def white(self, state: State, rows: np.ndarray) -> np.ndarray:
@@ -160,9 +206,9 @@ class Noise:
         fitted: np.ndarray,
         rng: np.random.Generator,
     ) -> State:
-        """Other errors with the same calibration, given measured ``values`` (m,) and those of the model, ``fitted``."""
+        """Other errors with the same nuisances, given measured ``values`` (m,) and those of the model, ``fitted``."""
         model = self.model
-        residual = values - self.factor(state) * fitted
+        residual = values - self.added(state) - self.factor(state) * fitted
         if model.scaled:  # whichever points are off, and these right after it
             state = self._scaled(state, residual, rng)
         if model.robust:
@@ -190,11 +236,7 @@ class Noise:
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
         # without correlation summed over which points are off
         rare = RARE if self.model.robust and not self.model.correlated else 0.0
-        near = (
-            self.correlation(state)
-            if self.model.correlated
-            else np.zeros(residual.size)
-        )
+        near = self.correlation(state)
         fixed_part = residual, self.stated, self.floors, self.curve, near
         here = kernels.curve_logs(
             *fixed_part, state.scales, state.inflation, rare, WIDER

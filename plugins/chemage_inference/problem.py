@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -173,9 +173,9 @@ class Unknowns:
         }
 
     @cached_property
-    def _splines(self) -> list[tuple[np.ndarray, Any]]:
-        """Of each axis the coefficients of cardinal splines, and the cubic B-splines as piecewise polynomials."""
-        from scipy.interpolate import BSpline, PPoly, make_interp_spline
+    def _splines(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each axis the coefficients of cardinal splines, and (4, pieces, splines) those of the cubic B-splines."""
+        from scipy.interpolate import BSpline, make_interp_spline
 
         splines = []
         for axis in self.axes.values():
@@ -183,7 +183,7 @@ class Unknowns:
             cardinal = make_interp_spline(at, each)
             basis = BSpline(cardinal.t, each, cardinal.k)
             powers = [basis(at[:-1], k) / math.factorial(k) for k in range(4)]
-            splines.append((cardinal.c, PPoly(np.stack(powers[::-1]), at)))
+            splines.append((cardinal.c, np.stack(powers)))
         return splines
 
     def coefficients(self, array: np.ndarray) -> np.ndarray:
@@ -199,7 +199,10 @@ class Unknowns:
         """(S, g) of the coefficients at ``positions`` (S, d); at most four along each axis are not 0."""
         weights = np.ones((len(positions), 1))
         for (_, polynomials), at in zip(self._splines, positions.T, strict=True):
-            basis = polynomials(at)
+            piece = np.minimum(at.astype(np.int64), polynomials.shape[1] - 1)
+            basis, away = polynomials[3, piece], (at - piece)[:, None]
+            for power in polynomials[2::-1]:
+                basis = basis * away + power[piece]
             weights = (weights[:, :, None] * basis[:, None]).reshape(len(at), -1)
         return weights
 
@@ -339,6 +342,8 @@ class Linear:
     errors: np.ndarray
     #: bounds of the logarithm of an unknown common factor; None without one
     factor: tuple[float, float] | None = None
+    #: (m, q): changes of the values by one standard deviation of each nuisance
+    nuisances: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,11 +377,15 @@ class Problem:
         return summed(weights, self.matrices), summed(weights, self.offsets)
 
     def settled(self, state: State) -> Problem:
-        """The problem with the errors and the calibration of ``state``, and known: correlations are left out."""
+        """The problem with the errors and the nuisances of ``state``, and known: correlations are left out."""
         factor, noise = self.noise.factor(state), fixed(self.noise.errors(state))
-        matrices, offsets = factor[:, None] * self.matrices, factor * self.offsets
         return replace(
-            self, noise=noise, state=None, matrices=matrices, offsets=offsets
+            self,
+            noise=noise,
+            state=None,
+            values=self.values - self.noise.added(state),
+            matrices=factor[:, None] * self.matrices,
+            offsets=factor * self.offsets,
         )
 
     def without(self, left_out: np.ndarray) -> Problem:

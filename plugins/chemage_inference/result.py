@@ -33,6 +33,7 @@ from chemage.plugin import (
     text,
     units,
 )
+from chemage_inference.critic import Critic
 from chemage_inference.curves import MeasuredCurve
 from chemage_inference.forecast import (
     WIDE,
@@ -152,11 +153,12 @@ class Inference(Record):
     """(m,) probability that a point is off, by far more than its error"""
     error_terms: Named = {}
     """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
-    (e-folds of the hold time), ``calibration`` (measured over true friction)"""
+    (e-folds of the hold time), ``calibration`` (measured over true friction), ``drift`` (change of its logarithm per
+    decade of the hold time), ``offset`` (nN)"""
     fitted: Doubles
-    """(S, m) ΔF of each posterior sample as it would be measured, its calibration included, nN"""
+    """(S, m) ΔF of each posterior sample as it would be measured, with calibration, drift and offset, nN"""
     prior_fitted: Doubles
-    """(P, m) ΔF of each sample of the prior, nN"""
+    """(P, m) ΔF of each sample of the prior of the density, with scalars of the posterior, nN"""
     curves: tuple[Plain, ...]
     """of each curve: ``name``, ``load`` (nN), ``temperature`` (K), ``quantity``"""
     scalars: Named = {}
@@ -300,6 +302,11 @@ class Inference(Record):
             for number, about in enumerate(self.curves)
         )
 
+    @cached_property
+    def critic(self) -> Critic:
+        """What the residuals say: which undeclared trouble is likely, and which would go unnoticed."""
+        return Critic(self)
+
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Interval of a scalar unknown.
 
@@ -361,8 +368,11 @@ class Inference(Record):
             "versions": self.provenance.get("versions", {}),
             "seed": self.seed,
         }
-        forecaster = self._forecaster(there, checked_count("samples", samples))
-        return forecaster.forecast(load, temperature, hold_times, provenance)
+        rows = self._rows(checked_count("samples", samples))
+        forecaster = self._forecaster(there, rows)
+        made = forecaster.forecast(load, temperature, hold_times, provenance)
+        notes = self.critic.of_forecast(made.hold_times, made.samples, rows)
+        return made.model_copy(update={"notes": (*made.notes, *notes)})
 
     def next_experiment(
         self,
@@ -391,14 +401,16 @@ class Inference(Record):
             The candidates, each with ``reduction`` (expected reduction of the variance of the target, as a share of it)
             and ``deviation`` (standard deviation of the target afterwards).
         """
-        return self._forecaster(self.scene, 1000).ranked(
+        return self._forecaster(self.scene, self._rows(1000)).ranked(
             candidates, target, self.resolution, relative_error
         )
 
-    def _forecaster(self, scene: Scene, count: int) -> Forecaster:
-        rows = np.linspace(
-            0, len(self.samples) - 1, min(count, len(self.samples))
-        ).astype(int)
+    def _rows(self, count: int) -> np.ndarray:
+        """Numbers of up to ``count`` samples, evenly spaced."""
+        last = len(self.samples) - 1
+        return np.linspace(0, last, min(count, last + 1)).astype(int)
+
+    def _forecaster(self, scene: Scene, rows: np.ndarray) -> Forecaster:
         # the load is that of the forecast, whatever the stated ones were
         scalars = {
             name: values[rows]
@@ -448,6 +460,14 @@ _SUMMED = (
 )
 
 
+#: units of what was inferred of the errors
+_TERMS = {
+    "correlation time": "e-folds of the hold time",
+    "drift": "per decade",
+    "offset": "nN",
+}
+
+
 def _in_numbers(sampled: Mapping[str, np.ndarray]) -> dict[str, dict[str, Any]]:
     return {name: in_numbers(values) for name, values in sampled.items()}
 
@@ -468,7 +488,7 @@ def quantities(one: Inference) -> list[Quantity]:
     ]
     for name, values in one.error_terms.items():
         label = name
-        unit = "e-folds of the hold time" if name == "correlation time" else ONE
+        unit = _TERMS.get(name.partition(" of ")[0], ONE)
         if name.startswith("scale "):
             label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
         found.append(_sampled(Quantity(name, unit, label), values))

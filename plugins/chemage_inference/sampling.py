@@ -1,7 +1,7 @@
 """Samples of the posterior: Markov chains that are continued until there are enough, and the measures of that.
 
 A chain moves along lines for the density, and by moves with a density that adapts for what the prior leaves open and
-for the unknown scalars: ⟨f⟩, the calibrations, and those on the grid. Scalars move by differences between their earlier
+for the unknown scalars: ⟨f⟩, the nuisances, and those on the grid. Scalars move by differences between their earlier
 values, so that they follow the ridges of their posterior (ter Braak, Stat. Comput. 16, 239 (2006)).
 """
 
@@ -20,7 +20,7 @@ from chemage_inference import kernels
 from chemage_inference.noise import State
 from chemage_inference.open import effective as effective_samples
 from chemage_inference.open import r_hat
-from chemage_inference.problem import LEVEL, STRENGTHS, Problem, summed, values_of
+from chemage_inference.problem import LEVEL, STRENGTHS, Problem, values_of
 
 #: chains, and sweeps of each before samples are kept
 CHAINS, WARM = 4, 400
@@ -35,8 +35,10 @@ EVERY = 2
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
-#: passes over the density in a sweep
-PASSES = 3
+#: passes over the density in a sweep, and moves of scalars in each
+PASSES, MOVED = 3, 3
+#: densities at most that are looked at for one direction of an exchange between density and factor
+TRIES = 30
 #: sets of positive nodes that directions are drawn with, at most
 PATTERNS = 8
 #: choices of the prior among which one is drawn
@@ -97,6 +99,8 @@ class Chain:
         self._scalars = np.zeros((0, self.scalars(self.place).size))
         self._patterns: list[_Pattern] = []
         self._last: Any = None, None, None
+        # what kernels.moved knows of the present place; nan at last: nothing
+        self._known = np.full(start.size + 1, np.nan)
         self._sweep = 0
         every = np.arange(len(problem.prior.combinations))
         logs = self._log_priors(self.x, every)
@@ -133,8 +137,11 @@ class Chain:
             self._drawn_density()
             self._drawn_complete()
             if self._widths.size:
-                self._moved_scalars()
-                self._completed()
+                self._exchanged()
+                for _ in range(MOVED):
+                    self._moved_scalars()
+        if self._widths.size:
+            self._completed()
         self._drawn_choice()
         self._sweep += 1
         if not self.noise.fixed and self._sweep % EVERY == 0:
@@ -153,7 +160,7 @@ class Chain:
             rows = rows.reshape(-1, rows.shape[2])
             mean_square = algebra.product(rows.T, rows) / len(matrices)
             axes = algebra.row_axes(mean_square, NEGLIGIBLE**2).T
-        return axes, algebra.product(matrices, axes)
+        return np.ascontiguousarray(axes), algebra.product(matrices, axes)
 
     def _rows(
         self, place: ChainPosition, mass: float | None
@@ -164,26 +171,22 @@ class Chain:
         """
         if self._last[0] is not place or self._last[1] != mass:
             self._last = place, mass, self._made_rows(place, mass)
+            self._known[-1] = np.nan
         return self._last[2]
 
     def _made_rows(
         self, place: ChainPosition, mass: float | None
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        axes, parts = self._rotated
-        weights = self.problem.unknowns.weights(place.position[None])[0]
-        factor = np.exp(place.log_factor) * self.noise.factor(place.state)
-        parts = summed(weights, parts)
-        parts = self.noise.white(place.state, factor[:, None] * parts)
-        offsets = summed(weights, self.problem.offsets)
-        goal = self.noise.white(place.state, self.problem.values - factor * offsets)
-        lower = algebra.cholesky(
-            algebra.product(parts.T, parts) + 1e-6 * np.eye(parts.shape[1])
+        problem, noise, state = self.problem, self.noise, place.state
+        matrix, target, rest = kernels.reduced(
+            problem.unknowns.weights(place.position[None])[0],
+            *self._rotated,
+            problem.offsets,
+            problem.values - noise.added(state),
+            np.exp(place.log_factor) * noise.factor(state),
+            noise.errors(state),
+            noise.correlation(state),
         )
-        matrix = algebra.product(axes, lower)
-        target = algebra.forward(lower, algebra.product(parts.T, goal[:, None]))[
-            :, 0
-        ]
-        rest = float(algebra.product(goal, goal) - algebra.product(target, target))
         if mass is not None:
             row = self.problem.areas[:, None] / COMPLETE
             matrix = np.concatenate([matrix, row], axis=1)
@@ -194,7 +197,7 @@ class Chain:
         return float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
 
     def _fitted(self, x: np.ndarray, place: ChainPosition) -> np.ndarray:
-        """(m,) values of the model, before the calibration."""
+        """(m,) true values of the model."""
         matrix, offset = self.problem.at(place.position)
         values = offset + algebra.product(matrix, np.maximum(x, 0.0))
         return np.exp(place.log_factor) * values
@@ -266,6 +269,7 @@ class Chain:
 
     def _drawn_density(self) -> None:
         """Draw the process anew along as many lines as it has nodes."""
+        self._known[-1] = np.nan
         problem = self.problem
         matrix, target, _ = self._rows(self.place, self._integral)
         directions = self._directions(self.x.size)
@@ -324,12 +328,13 @@ class Chain:
             np.array(limits),
             gumbels,
             shift,
+            self._known,
         )
 
     # -- errors -------------------------------------------------------------------------------------------------------
 
     def _drawn_errors(self) -> None:
-        """Draw the errors at fixed density and calibration."""
+        """Draw the errors at fixed density and nuisances."""
         fitted = self._fitted(self.x, self.place)
         state = self.noise.drawn(
             self.place.state, self.problem.values, fitted, self.rng
@@ -339,14 +344,10 @@ class Chain:
     # -- unknown scalars ----------------------------------------------------------------------------------------------
 
     def scalars(self, place: ChainPosition) -> np.ndarray:
-        """(k,) position on the grid, logarithm of the common factor, logarithms of calibrations: those unknown."""
-        known = (
-            self.problem.unknowns.factor is None,
-            not self.noise.model.calibration,
-        )
-        factor = () if known[0] else (place.log_factor,)
-        calibration = () if known[1] else place.state.calibration
-        return np.concatenate([place.position, factor, calibration])
+        """(k,) position on the grid, logarithm of the common factor, nuisances: those unknown."""
+        known = self.problem.unknowns.factor is None
+        factor = () if known else (place.log_factor,)
+        return np.concatenate([place.position, factor, place.state.nuisances])
 
     def _placed(self, scalars: np.ndarray) -> ChainPosition:
         """The place with other ``scalars`` (k,)."""
@@ -355,8 +356,8 @@ class Chain:
         place = self.place._replace(position=position)
         if self.problem.unknowns.factor is not None:
             place, rest = place._replace(log_factor=float(rest[0])), rest[1:]
-        if self.noise.model.calibration:
-            place = place._replace(state=replace(place.state, calibration=rest))
+        if rest.size:
+            place = place._replace(state=replace(place.state, nuisances=rest))
         return place
 
     def _log_prior(self, place: ChainPosition) -> float:
@@ -364,19 +365,18 @@ class Chain:
         low, high = self.problem.unknowns.factor or (0.0, 0.0)
         if not low <= place.log_factor <= high:
             return -np.inf
-        width = self.noise.model.calibration or np.inf
-        calibrations = -0.5 * float(np.sum((place.state.calibration / width) ** 2))
-        return calibrations + self.problem.unknowns.log_prior(place.position)
+        away = place.state.nuisances / self.noise.widths
+        nuisances = -0.5 * float(np.sum(away**2))
+        return nuisances + self.problem.unknowns.log_prior(place.position)
 
     @cached_property
     def _widths(self) -> np.ndarray:
         """(k,) about the standard deviations of the scalars in their prior."""
-        unknowns, calibration = self.problem.unknowns, self.noise.model.calibration
+        unknowns = self.problem.unknowns
         spans = [axis.size - 1.0 for axis in unknowns.axes.values()]
         if unknowns.factor is not None:
             spans.append(unknowns.factor[1] - unknowns.factor[0])
-        count = self.place.state.calibration.size if calibration else 0
-        return np.append(0.3 * np.array(spans), np.full(count, calibration))
+        return np.append(0.3 * np.array(spans), self.noise.widths)
 
     @cached_property
     def _energies(self) -> np.ndarray:
@@ -385,17 +385,59 @@ class Chain:
         most = np.maximum(np.abs(matrices).max(axis=2), 1e-300)
         return (matrices.sum(axis=2) / most).mean(axis=1)
 
-    def _moved_scalars(self) -> None:
-        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
-        rng, size, unknowns = self.rng, self._widths.size, self.problem.unknowns
-        if len(self._scalars) > 1 and rng.random() < 0.7:
-            one, other = self._scalars[rng.integers(len(self._scalars), size=2)]
+    @cached_property
+    def _common(self) -> np.ndarray:
+        """(k,) 1 for the scalars whose sum with one number is a common factor of all values: ⟨f⟩, or calibrations."""
+        unknowns, nuisances = self.problem.unknowns, self.noise.nuisances
+        known = unknowns.factor is None
+        shared = [known and name == "calibration" for name, _ in nuisances]
+        before = [False] * len(unknowns.axes) + [True] * (not known)
+        return np.array([*before, *shared], dtype=float)
+
+    def _exchanged(self) -> None:
+        """Draw a common factor with the density, whose integral stays, where values are proportional to it."""
+        problem, scalars = self.problem, self.scalars(self.place)
+        common = np.flatnonzero(self._common)
+        # what neighbours add is not, but for rounding
+        if not common.size or np.abs(problem.offsets).max() > 1e-9:
+            return
+        matrix, target, _ = self._rows(self.place, self._integral)
+        count = target.size - self.complete
+        directions = self._directions(self.x.size // 2)
+        inverse = problem.prior.precisions[0][self.choice]
+        widths, bounds = self._widths[common], problem.unknowns.factor
+        rise = kernels.exchanged(
+            self.x,
+            LEVEL,
+            algebra.product(inverse, self.x),
+            np.ascontiguousarray(matrix[:, :count]),
+            target[:count].copy(),
+            problem.areas,
+            directions,
+            algebra.products(directions, inverse),
+            scalars[common],
+            np.full(1, np.inf) if bounds else widths,
+            np.array(bounds or (-np.inf, np.inf)),
+            self.rng.random((len(directions), TRIES)),
+        )
+        self.place = self._placed(scalars + rise * self._common)
+        self._known[-1] = np.nan
+
+    def _step(self) -> np.ndarray:
+        """(k,) by which scalars move: a difference of earlier values, or of one of them, as in its prior."""
+        rng, size, count = self.rng, self._widths.size, len(self._scalars)
+        if count > 1 and rng.random() < 0.7:
+            one, other = self._scalars[rng.integers(count, size=2)]
             step = one - other
         else:
             step = self._widths * rng.standard_normal(size)
             step *= np.arange(size) == rng.integers(size)
-        step *= rng.choice(STEPS) + LONGER * (len(self._scalars) > 1)
-        place, shift = self._placed(self.scalars(self.place) + step), 0
+        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 1))
+
+    def _moved_scalars(self) -> None:
+        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
+        rng, unknowns = self.rng, self.problem.unknowns
+        place, shift = self._placed(self.scalars(self.place) + self._step()), 0
         if (
             unknowns.axes
             and rng.random() < 0.5
@@ -413,13 +455,8 @@ class Chain:
         An open density is scaled to one whose integral is about 1; the probability with which that leads back is a
         further row of the open model.
         """
-        rng, unknowns = self.rng, self.problem.unknowns
-        direction = np.zeros(self._widths.size)
-        if unknowns.factor is not None:
-            direction[len(unknowns.axes)] = 1.0
-        elif self.noise.model.calibration:
-            direction[len(unknowns.axes) :] = 1.0
-        else:
+        rng, direction = self.rng, self._common
+        if not direction.any():
             return
         width = float(self._widths @ direction / direction.sum())
         if self.complete:
@@ -462,8 +499,11 @@ class Chain:
             self._made_rows(place, integrals[1]),
         ]
         gain += 0.5 * (rows[0][2] - rows[1][2]) - np.log(self.rng.random())
-        rise = place.log_factor + place.state.calibration.mean()
-        rise -= self.place.log_factor + self.place.state.calibration.mean()
+        before, after = (
+            one.log_factor + np.log(self.noise.factor(one.state)).mean()
+            for one in (self.place, place)
+        )
+        rise = after - before
         fall = rise / np.log(STRENGTHS[1] / STRENGTHS[0]) * self.rng.integers(2)
         strength = self.choice % STRENGTHS.size
         strength -= int(np.floor(fall + self.rng.random()))
@@ -513,9 +553,9 @@ class Samples:
         return np.stack([state.scales for state in self.states])
 
     @property
-    def calibrations(self) -> np.ndarray:
-        """(S, instruments) measured over true value."""
-        return np.exp([state.calibration for state in self.states])
+    def nuisances(self) -> np.ndarray:
+        """(S, q) of :attr:`Noise.nuisances`."""
+        return np.stack([state.nuisances for state in self.states])
 
     @property
     def off(self) -> np.ndarray:
@@ -529,19 +569,25 @@ class Samples:
             [state.inflation**-2.0 for state in self.states], axis=0
         )
         time = float(np.mean([state.log_time for state in self.states]))
-        scales, calibration = (
-            np.log(factors).mean(axis=0)
-            for factors in (self.scales, self.calibrations)
-        )
-        return State(np.exp(scales), precision**-0.5, calibration, time)
+        scales = np.exp(np.log(self.scales).mean(axis=0))
+        return State(scales, precision**-0.5, self.nuisances.mean(axis=0), time)
 
     def fitted(self, problem: Problem) -> np.ndarray:
-        """(S, m) values of each sample, before the calibration."""
+        """(S, m) true values of each sample."""
         weights = problem.unknowns.weights(self.positions)
         values = values_of(
             self.densities, weights, problem.matrices, problem.offsets
         )
         return self.factors[:, None] * values
+
+    def expected(self, problem: Problem) -> np.ndarray:
+        """(S, m) values of each sample as the instruments measure them."""
+        noise, states = problem.noise, self.states
+        factors, added = (
+            np.stack([each(state) for state in states])
+            for each in (noise.factor, noise.added)
+        )
+        return factors * self.fitted(problem) + added
 
 
 def sample(
@@ -611,7 +657,7 @@ def sample(
 
 
 def _errors(chain: Chain, place: ChainPosition) -> np.ndarray:
-    """What is inferred of the errors but for the calibration."""
+    """What is inferred of the errors but for the nuisances."""
     state, correlated = place.state, chain.noise.model.correlated
     return np.append(np.log(state.scales), state.log_time if correlated else ())
 

@@ -31,8 +31,8 @@ from chemage_inference.problem import LOAD, UNITS, Prior, unknowns_of
 
 TIMES = np.logspace(-3, 5, 25)
 CONDITIONS = [(load, kelvin) for load in (50.0, 150.0) for kelvin in (300.0, 350.0)]
-#: calibration -> relative standard error
-CALIBRATIONS = {"force": 0.10, "load": 0.05}
+#: what instruments may get wrong -> standard error
+CALIBRATIONS = {"force": 0.10, "load": 0.05, "drift": 0.05, "offset": 2.0}
 SCENE = {
     "name": "tip",
     "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 64, "pixel_size": "0.4518 nm"},
@@ -98,13 +98,15 @@ def truths(model: Model, prior: Prior, count: int, seed: int) -> np.ndarray:
 def ranks(names: list[str], cases: int, first: int) -> None:
     """Print the ranks of true scalars."""
     given = options(names)
-    force, load = calibrations(given["calibration"])
+    load, nuisances = calibrations(given["calibration"])
     scene = ca.parse_scene(SCENE).completed()
     chemistry, curves = check_scene(scene), tuple(measured(1))
     unknowns, found = unknowns_of(given["unknown"], chemistry, load), {}
     sampling.CHAINS, sampling.WARM = 2, 150
     with scene.in_use():
-        model = make_model(scene, chemistry, unknowns, curves, 0, None, ErrorModel.of(("scaled", "robust"), force))
+        model = make_model(
+            scene, chemistry, unknowns, curves, 0, None, ErrorModel.of(("scaled", "robust"), **nuisances)
+        )
         prior = Prior(model.grid.nodes)
         shared = linear_problem(model, prior, np.zeros(model.grid.count))
         for number, density in enumerate(truths(model, prior, cases, first)):
@@ -126,14 +128,18 @@ def ranks(names: list[str], cases: int, first: int) -> None:
             )
             fitted = np.exp(log) * (exact.without_neighbours(0) @ density)
             noisy, state = _errors(model.noise, fitted, rng)
-            problem = replace(shared, values=noisy, state=State(state.scales, state.inflation, model.state.calibration))
+            problem = replace(shared, values=noisy, state=State(state.scales, state.inflation, model.state.nuisances))
             samples = sampling.sample(
                 problem, density, samples=200, seed=number, watched=model.seen(), sweeps=300, threads=1
             )
-            true = {**values, "load": over, "bond_force": np.exp(log), "force": np.exp(state.calibration[0])}
+            true = {**values, "load": over, "bond_force": np.exp(log)}
             drawn = unknowns.values(samples.positions)
-            drawn |= {"bond_force": samples.factors, "force": samples.calibrations[:, 0]}
+            drawn |= {"bond_force": samples.factors}
             drawn["load"] = drawn.pop(LOAD, np.ones(len(samples.places)))
+            columns = zip(model.noise.nuisances, samples.nuisances.T, state.nuisances.tolist(), strict=True)
+            for (name, _), column, number_ in columns:
+                name = "force" if name == "calibration" else name
+                drawn[name], true[name] = column, number_
             for name in names:
                 found.setdefault(name, []).append(_rank(drawn[name], float(true[name]), rng))
             shown = {

@@ -42,7 +42,7 @@ def test_drawn_errors_are_those_of_the_model():
         ErrorModel(calibration=0.1), zero + 1e-9, zero, zero.astype(np.int64), zero + 1, np.zeros(1, dtype=np.int64)
     )
     values, state = drawn_errors(noise, np.ones(9), RNG)
-    assert values == pytest.approx(np.full(9, np.exp(state.calibration[0])))
+    assert values == pytest.approx(np.full(9, np.exp(state.nuisances[0])))
 
 
 def test_a_scene_with_an_interaction_is_refused():

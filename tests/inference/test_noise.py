@@ -58,7 +58,7 @@ def test_white_residuals_have_the_likelihood_of_the_covariance(correlated):
     from scipy.stats import multivariate_normal
 
     one = noise(correlated=correlated)
-    state = State(np.array([1.5, 2.0]), np.where(np.arange(12) == 3, WIDER, 1.0), np.zeros(2), 0.7)
+    state = State(np.array([1.5, 2.0]), np.where(np.arange(12) == 3, WIDER, 1.0), np.zeros(0), 0.7)
     errors = np.hypot(np.array([1.5, 2.0])[one.curve] * state.inflation * one.stated, one.floors)
     apart = np.abs(np.log(one.hold_times)[:, None] - np.log(one.hold_times))
     near = np.where(one.curve[:, None] == one.curve, np.exp(-apart / np.exp(0.7)), 0.0)
@@ -108,7 +108,7 @@ def test_instruments_have_calibrations_of_their_own():
     """Two curves of one density, 20 % apart: the difference is known, and what they share is that of the prior."""
     size, width = 12, 0.1
     likelihood = noise(size, calibration=width)
-    values = np.where(likelihood.instrument == 0, 1.1, 0.9)
+    values = np.where(likelihood.curve == 0, 1.1, 0.9)
     likelihood = replace(likelihood, stated=np.full(size, 0.02), floors=np.zeros(size))
     made = Problem(
         Prior(np.array([0.8, 0.85, 0.9])), np.full(3, 0.1), values, likelihood, np.full((1, size, 3), 1 / 3),
@@ -117,12 +117,50 @@ def test_instruments_have_calibrations_of_their_own():
     chain = Chain(made, np.ones(3), np.random.default_rng(1))
     chain.warm(200)
     chain.run(6000)
-    drawn = np.array([place.state.calibration for place in chain.places])
+    drawn = np.array([place.state.nuisances for place in chain.places])
     assert (drawn[:, 0] - drawn[:, 1]).mean() == pytest.approx(np.log(1.1 / 0.9), abs=0.006)
     assert (drawn[:, 0] - drawn[:, 1]).std() == pytest.approx(np.hypot(0.02 / 1.1, 0.02 / 0.9) / 6**0.5, rel=0.15)
     # the prior of the density tells next to nothing of their mean
     assert drawn.mean(axis=1).std() == pytest.approx(width / 2**0.5, rel=0.15)
     assert effective(drawn.mean(axis=1)[None]) > 60
+
+
+def test_nuisances_are_columns_of_their_instruments():
+    """A factor, one that runs with the decades from the middle, where it is 1, and what is added."""
+    one = noise(6, calibration=0.1, drift=0.05, offset=2.0)
+    names = [(name, number) for name in ("calibration", "drift", "offset") for number in (0, 1)]
+    assert one.nuisances == names
+    state = replace(one.start, nuisances=np.array([0.1, -0.2, 0.05, 0.0, 0.0, 3.0]))
+    drift = np.array([-0.05, 0.0, 0.05])
+    assert one.factor(state) == pytest.approx(np.exp(np.append(0.1 + drift, [-0.2] * 3)))
+    assert one.added(state) == pytest.approx([0, 0, 0, 3, 3, 3])
+    values = np.arange(1.0, 7.0)
+    small = 1e-6 * np.arange(1.0, 7.0)
+    changed = replace(one.start, nuisances=small * one.widths)
+    change = one.factor(changed) * values + one.added(changed) - values
+    assert one.linear(values) @ small == pytest.approx(change, rel=1e-4)
+    assert noise(6).factor(noise(6).start) == pytest.approx(np.ones(6), abs=0)
+
+
+@pytest.mark.long
+def test_drift_and_offset_of_one_curve_are_those_of_the_prior():
+    """A density explains what rises with the logarithm of the hold time as well, and falls by drift are no error."""
+    times = np.geomspace(1e-2, 1e4, 13)
+    call = {"load": 50.0, "temperature": 300.0, "hold_times": times, "errors": np.full(13, 1.0)}
+    level = ca.MeasuredCurve(values=100 - 4 * np.log10(times), **call)
+    with pytest.raises(ca.InputError, match="values fall"):
+        ca.infer(level, scene(), families=())
+    rising = ca.MeasuredCurve(values=50 + 20 * np.log10(times), **call)
+    for one, mean, width in ((rising, 0.0, 0.045), (level, -0.042, 0.0)):
+        found = ca.infer(one, scene(), families=(), calibration={"drift": "5 %", "offset": "1 nN"}, samples=400)
+        # without a drift below -4 % the curve would not rise
+        assert found.error_terms["drift"].mean() == pytest.approx(mean, abs=0.02)
+        assert found.error_terms["drift"].std() == pytest.approx(width, abs=0.01)
+        assert found.error_terms["offset"].std() == pytest.approx(1.0, rel=0.15)
+    with pytest.raises(ca.InputError, match="calibration = 'bias': is no calibration; choose of force, drift, offset"):
+        ca.infer(rising, scene(), calibration={"bias": 1})
+    with pytest.raises(ca.InputError, match=r"calibration\.offset = -1: must be at least 0 nN"):
+        ca.infer(rising, scene(), calibration={"offset": -1})
 
 
 def test_curves_of_two_instruments_are_told_apart(tmp_path):
@@ -150,7 +188,7 @@ def test_correlated_errors_are_no_parameters_of_the_density():
 WRONG = {
     "errors": ({"errors": "large"}, "errors = 'large': is not known; choose of scaled, robust, correlated"),
     "calibration": ({"calibration": "200 %"}, "must be between 0 and 50 %"),
-    "kind": ({"calibration": {"lever": 0.1}}, "is no calibration; choose force or load"),
+    "kind": ({"calibration": {"lever": 0.1}}, "is no calibration; choose of force, drift, offset, load"),
 }
 
 

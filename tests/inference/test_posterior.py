@@ -166,6 +166,7 @@ def test_what_cannot_be_inverted_is_refused_before_anything_is_computed():
 # -- sampling: exact along lines, the same with the same seed, honest of its own convergence; and barriers outside of -
 
 
+KNOWN = np.full(13, np.nan)
 NODES = 0.7 + 0.02 * np.arange(12)
 GRID, FIRST = EnergyGrid(0.6, 0.02, 50), 15
 
@@ -254,13 +255,13 @@ def test_a_choice_that_is_the_only_candidate_changes_nothing():
     x, before = chain.x.copy(), chain.x.copy()
     matrix, target = np.ascontiguousarray(made.matrices[0].T / made.errors), made.values / made.errors
     rest = (LEVEL, *prior.precisions, matrix[None], target[None], made.areas, np.array([100.0]))
-    assert moved(x, np.array([7]), *rest, np.zeros(1), 0) == 0
+    assert moved(x, np.array([7]), *rest, np.zeros(1), 0, KNOWN.copy()) == 0
     assert np.array_equal(x, before)
     # there and back again is where it was, and no sign has changed
-    assert moved(x, np.array([7, 90]), *rest, np.array([0, 1e6]), 0) == 1
+    assert moved(x, np.array([7, 90]), *rest, np.array([0, 1e6]), 0, KNOWN.copy()) == 1
     assert np.array_equal(x > 0, before > 0)
     assert not np.allclose(x, before, rtol=1e-3)
-    assert moved(x, np.array([90, 7]), *rest, np.array([0, 1e6]), 0) == 1
+    assert moved(x, np.array([90, 7]), *rest, np.array([0, 1e6]), 0, KNOWN.copy()) == 1
     assert x == pytest.approx(before, rel=1e-6)
 
 
@@ -335,7 +336,7 @@ def test_a_model_that_is_the_only_other_one_is_left_again():
     ends = np.stack([matrix, np.roll(1.2 * matrix, 2, axis=0)])
     for models, shift in ((ends, 2), (ends[::-1], -2)):
         rest = (models.copy(), np.stack([target, target]), made.areas, np.full(2, 100.0))
-        assert moved(x, np.array([7, 7]), LEVEL, *prior.precisions, *rest, np.array([0, 1e6]), shift) == 1
+        assert moved(x, np.array([7, 7]), LEVEL, *prior.precisions, *rest, np.array([0, 1e6]), shift, KNOWN.copy()) == 1
         if shift == 2:
             assert np.array_equal(x > 0, np.roll(before > 0, 2))
     assert x == pytest.approx(before, rel=1e-4)
@@ -392,7 +393,8 @@ def test_scalars_have_the_posterior_of_importance_sampling(name, calibration):
     mean = weight @ drawn_ / weight.sum()
     spread = np.sqrt(weight @ (drawn_ - mean) ** 2 / weight.sum())
     at = found.positions[:, 0] if unknowns.axes else np.zeros(len(found.factors))
-    sampled = np.stack([at, np.log(found.factors), np.log(found.calibrations[:, 0]), found.densities @ areas], axis=1)
+    shared_drawn = found.nuisances[:, 0] if calibration else np.zeros(at.size)
+    sampled = np.stack([at, np.log(found.factors), shared_drawn, found.densities @ areas], axis=1)
     assert sampled.mean(axis=0) == pytest.approx(mean, abs=0.1 * spread.max() + 1e-9)
     for mine, middle, theirs in zip(sampled.T, mean, spread, strict=True):
         assert mine.mean() == pytest.approx(middle, abs=0.12 * theirs + 1e-9)
