@@ -36,7 +36,7 @@ GUESSES, PARAMETERS = 3, 7
 SHORT, SHORT_SWEEPS = 400, 200
 
 
-class Fit(NamedTuple):
+class SmoothFit(NamedTuple):
     """A density that fits best."""
 
     #: (n,) 1/eV
@@ -48,7 +48,7 @@ class Fit(NamedTuple):
     nuisances: np.ndarray
 
 
-def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> Fit:
+def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> SmoothFit:
     """The density (n,) ≥ 0 of integral at most 1 and the nuisances z of least χ² + z² + ``weight`` × ∫ p''²."""
     grid, shared = data.grid, data.nuisances
     count = shared.shape[1]
@@ -78,7 +78,7 @@ def smooth_fit(data: Linear, weight: float, factor: float = 1.0) -> Fit:
     if count:
         fitted += algebra.product(shared, nuisances)
     chi2 = float(np.sum(((fitted - values) / data.errors) ** 2))
-    return Fit(density, chi2, factor * data.offset + fitted, nuisances)
+    return SmoothFit(density, chi2, factor * data.offset + fitted, nuisances)
 
 
 def first_estimate(data: Linear, factor: float) -> np.ndarray:
