@@ -407,7 +407,11 @@ class AdhesiveBEM(GridSolver):
         pressed = float(pressure.sum(where=pressure > 0))
         tension = pressed - float(pressure.sum())
         held = HELD[self.law] * coarse * tension / pressed if pressed else 0.0
-        return {"pixel_factor": RIM[0] + RIM[1] * coarse, "sticking": 2 / 3 * held}
+        return {
+            "pixel_factor": RIM[0] + RIM[1] * coarse,
+            "sticking": 2 / 3 * held,
+            "attraction": self.work_of_adhesion / self.range,
+        }
 
     def _iteration(self, problem: Adhesive, size: float) -> dict[str, Any]:
         """What the last tenth of the residual changed: of the pressure relatively, of the measures in their units."""
