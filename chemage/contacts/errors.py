@@ -52,7 +52,7 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: pressure are 1 + PULLED·t as large, t being tension over pressure. A solver whose rim is less well known multiplies all
 #: of them by ``convergence["pixel_factor"]``, and states in ``convergence["sticking"]`` the part of the area by which it
 #: may be held by the grid
-RIM, COUNT, FLOWN, PULLED = 0.03, 1.7, 0.17, 0.7
+RIM, COUNT, FLOWN, PULLED = 0.03, 1.7, 0.17, 1.2
 FACTORS = {"max_pressure": 0.9, "rms_pressure": 0.3, "displacement": 0.16}
 #: below and above
 Ends = tuple[float, float]

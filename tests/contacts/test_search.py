@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from scipy.optimize import brentq
 
 import chemage as ca
 from chemage import InputError
+from chemage.scene.files import installed_text
 from chemage.testing import rough_surface
 
 E = 35.3
@@ -181,6 +183,9 @@ def test_a_tip_is_pressed_as_a_rough_surface_is(tmp_path: Path):
     asked = f"{rough.contact.mean_contact_pressure!r} GPa over contact"
     assert tip.todict()["contact"]["load"] == asked
     assert tip.keys() == ca.load_scene("silica-tip", SOUGHT | {"contact.load": asked}).keys()
+    written = re.sub(r"(?m)^load = .*$", 'load = "as rough.h5"', installed_text("silica-tip"))
+    (tmp_path / "tip.toml").write_text(written)
+    assert ca.load_scene(tmp_path / "tip.toml").todict()["contact"]["load"] == asked
     ca.write(tmp_path / "surface.h5", rough.surface)
     for name, says in (("none.h5", "none.h5"), ("surface.h5", "or a file with a contact")):
         with pytest.raises(ca.plugin.SceneError, match=says):
