@@ -80,7 +80,7 @@ def spheres(cases: int, seed: int) -> None:
 
 def rough(cases: int, seed: int) -> None:
     """Of the same waves on pixels of a quarter of the size, four times as many points; factors were calibrated with seeds
-    1 to 4."""
+    1 and 2."""
     rng, counts, number = np.random.default_rng(seed), {}, 0
     while len(counts.get("pull_off", [])) < cases:
         number += 1
