@@ -126,18 +126,18 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
         abs(contact.displacement or 0.0), patch * highest / contact.modulus
     )
     scales = {
-        "max_pressure": (highest, contact.missed_peak),
-        "rms_pressure": (pulled * max(rms, attraction * covered), lost),
-        "displacement": (approach, 0.0),
+        "max_pressure": (highest, contact.missed_peak, 0.0),
+        "rms_pressure": (pulled * max(rms, attraction * covered), lost, 0.0),
+        "displacement": (
+            approach,
+            0.0,
+            contact.convergence.get("summit", 0.0),
+        ),
     }
-    for name, (scale, more) in scales.items():
+    for name, (scale, more, higher) in scales.items():
         half = factor * FACTORS[name] * (excess + count) ** 1.5 * scale
         both = math.hypot(half, more, stuck * scale)
-        found[name]["pixel"] = (both, both)
-    found["displacement"]["pixel"] = (
-        both,
-        both + contact.convergence.get("summit", 0.0),
-    )
+        found[name]["pixel"] = (both, both + higher)
     if flows:
         found["max_pressure"]["pixel"] = (0.0, 0.0)
     elif not contact.periodic and _touches_edge(contact):

@@ -139,11 +139,11 @@ class Adhesive:
         self.transforms += 1
         self.team.run(kernels.multiply, spectrum.shape[0], spectrum, symbol)
         # axis by axis: half of the time of one call for both in double precision
-        spectrum = sfft.ifft(
+        columns: Any = sfft.ifft(
             spectrum, axis=0, workers=self.workers, overwrite_x=True
         )
         return np.asarray(
-            sfft.irfft(spectrum, self.padded[1], axis=1, workers=self.workers)
+            sfft.irfft(columns, self.padded[1], axis=1, workers=self.workers)
         )
 
     def sums(self, kernel: Any, columns: int, *args: Any) -> list[float]:
