@@ -30,8 +30,7 @@ def compared(label: str, found: Any, true: dict[str, Any], counts: dict[str, lis
     texts = []
     for one in found.quantities():
         other = true[one.name]
-        # works depend on the law, the rest hardly
-        if not (one.known and other.known) or ("exponential" in label and one.unit == "nN nm"):
+        if not (one.known and other.known):
             continue
         half = math.hypot(one.half_width, other.half_width)
         error = one.value - other.value
@@ -64,14 +63,14 @@ def spheres(cases: int, seed: int) -> None:
             continue
         number += 1
         points = int(rng.choice([2, 5, 10, 20]))
-        law = str(rng.choice(["dugdale", "exponential"])) if tabor > 3 or tabor < 0.1 else "dugdale"
-        solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, law=law, threads=1)
+        # that of Maugis: the pull-off of another differs by up to 2 %, more than the error of the pixels
+        solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, law="dugdale", threads=1)
         tip = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
         wide = ca.surface("sphere", radius=radius, pixels=4 * pixels, pixel_size=size).make()
         begin = time.process_time()
         found = solver.loop(tip, Path.down_to(load, points))
         took = time.process_time() - begin
-        label = f"{number}: Tabor {tabor:.2f}, {pixels}² pixels, a {top.edge / size:.0f}, {points} points, {law}, "
+        label = f"{number}: Tabor {tabor:.2f}, {pixels}² pixels, a {top.edge / size:.0f}, {points} points, "
         label += f"{len(found.load)} contacts, {took:.1f} s"
         known = {one.name: one for one in maugis.loop(wide, Path.down_to(load)).quantities()}
         compared(label, found, known, counts)
