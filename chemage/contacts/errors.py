@@ -45,12 +45,14 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: share of the area that is excess at its rim and c = (patches)^¼/(pixels in contact)^¾, by which the number of pixels
 #: in a circle scatters: the corrected area is within RIM·e and COUNT·c of the area, other measures within a factor times
 #: (e + c)^1.5, of the approach of the larger of itself and of √(area of a patch) times largest pressure over E*. To that
-#: comes by how much the largest pressure may be exceeded between two pixels, for the approach the highest point of the
+#: comes by how much the largest pressure may be exceeded between two pixels, above the approach the highest point of the
 #: surface (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN of the error of the area.
-#: Where a free surface touches at its edge, rms and largest pressure have no limit. A solver whose rim is less well
-#: known multiplies all of them by ``convergence["pixel_factor"]``, and states in ``convergence["sticking"]`` the part of
-#: the area by which it may be held by the grid
-RIM, COUNT, FLOWN = 0.03, 1.7, 0.17
+#: Where a free surface touches at its edge, rms and largest pressure have no limit. Where bodies attract each other,
+#: pressures count as their largest attraction at least (``convergence["attraction"]``), and COUNT and the error of the rms
+#: pressure are 1 + PULLED·t as large, t being tension over pressure. A solver whose rim is less well known multiplies all
+#: of them by ``convergence["pixel_factor"]``, and states in ``convergence["sticking"]`` the part of the area by which it
+#: may be held by the grid
+RIM, COUNT, FLOWN, PULLED = 0.03, 1.7, 0.17, 1.2
 FACTORS = {"max_pressure": 0.9, "rms_pressure": 0.3, "displacement": 0.16}
 #: below and above
 Ends = tuple[float, float]
@@ -106,35 +108,48 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
     factor = float(contact.convergence.get("pixel_factor", 1.0))
     count = contact.patches**0.25 / contact.sites.size**0.75 if excess else 0.0
     stuck = float(contact.convergence.get("sticking", 0.0)) if excess else 0.0
-    half = area * math.hypot(RIM * factor * excess, COUNT * count, stuck)
+    pulled = 1 + PULLED * _tension(contact)
+    half = area * math.hypot(RIM * factor * excess, COUNT * pulled * count, stuck)
     found["area"]["pixel"] = (
         max(area - corrected + half, 0.0),
         max(corrected + half - area, 0.0),
     )
-    highest = float(np.abs(contact.pressure).max())
+    attraction = contact.convergence.get("attraction", 0.0)
+    covered = math.sqrt(contact.sites.size / contact.pressure.size)
+    highest = max(float(np.abs(contact.pressure).max()), attraction)
     patch = math.sqrt(area / max(contact.patches, 1))
     flow = contact.plastic_displacement
     flows = flow is not None and bool(flow.any())
-    lost = FLOWN * flows * found["area"]["pixel"][0] / area
+    rms = contact.rms_pressure
+    lost = FLOWN * flows * found["area"]["pixel"][0] / area * rms
+    approach = max(
+        abs(contact.displacement or 0.0), patch * highest / contact.modulus
+    )
     scales = {
-        "max_pressure": (highest, contact.missed_peak),
-        "rms_pressure": (contact.rms_pressure, lost * contact.rms_pressure),
+        "max_pressure": (highest, contact.missed_peak, 0.0),
+        "rms_pressure": (pulled * max(rms, attraction * covered), lost, 0.0),
         "displacement": (
-            max(
-                abs(contact.displacement or 0.0), patch * highest / contact.modulus
-            ),
+            approach,
+            0.0,
             contact.convergence.get("summit", 0.0),
         ),
     }
-    for name, (scale, more) in scales.items():
+    for name, (scale, more, higher) in scales.items():
         half = factor * FACTORS[name] * (excess + count) ** 1.5 * scale
         both = math.hypot(half, more, stuck * scale)
-        found[name]["pixel"] = (both, both)
+        found[name]["pixel"] = (both, both + higher)
     if flows:
         found["max_pressure"]["pixel"] = (0.0, 0.0)
     elif not contact.periodic and _touches_edge(contact):
         for name in ("max_pressure", "rms_pressure"):
             found[name]["pixel"] = (math.nan, math.nan)
+
+
+def _tension(contact: ContactSolution) -> float:
+    """The force that pulls over the one that presses, at most 1."""
+    pull = -float(np.minimum(contact.pressure, 0).sum())
+    pressed = float(np.maximum(contact.pressure, 0).sum())
+    return min(pull / pressed, 1.0) if pressed else 0.0
 
 
 def _touches_edge(contact: ContactSolution) -> bool:

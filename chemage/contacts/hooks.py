@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from chemage.plugins.hooks import (
@@ -109,6 +110,13 @@ class _Contact(Stage):
             if solver is None or maker is None
             else solver.normal_force(value, maker.expected())
         )
+
+    def locate_beside(self, name: str, value: Any, folder: Path) -> Any:
+        from chemage.contacts.role import AS
+
+        if not isinstance(value, str) or not value.startswith(AS):
+            return value
+        return f"{AS}{folder / value.removeprefix(AS)}"
 
     def todict(
         self, parts: Parts, options_of: Callable[[Any], Any]

@@ -246,6 +246,10 @@ class Stage(Owned):
         """The value of one of ``beside``, None where the scene has none; raises ChemageError."""
         return value
 
+    def locate_beside(self, name: str, value: Any, folder: Path) -> Any:
+        """One of ``beside`` as written in a file in ``folder``, from which a relative path in it starts."""
+        return value
+
     def problems(self, parts: Parts) -> Iterable[tuple[str, str]]:
         """What is wrong although every section is right by itself: (path, message)."""
         return ()

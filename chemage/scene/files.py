@@ -434,7 +434,11 @@ def _located(table: Any, folder: Path, section: str) -> Any:
     """The content of a section."""
     for stage in registry.stages():
         if role := stage.roles.get(section):
-            return _in_component(table, folder, role)
+            copy = _in_component(table, folder, role)
+            if stage.section == section and isinstance(copy, dict):
+                for name in copy.keys() & stage.beside.keys():
+                    copy[name] = stage.locate_beside(name, copy[name], folder)
+            return copy
         if stage.section == section and (model := stage.model()) is not None:
             return _in_options(table, folder, [model])
     return table

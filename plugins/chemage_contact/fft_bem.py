@@ -273,10 +273,11 @@ class FFTBEM(GridSolver):
         )
 
     def _seconds(self, pixels: float, fraction: float, periodic: bool) -> float:
-        """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``)."""
+        """CPU seconds of a solve, as measured on a 2-core Intel Xeon machine (``tests/benchmarks/estimates.py``); contacts
+        of more than a tenth of the area need no more iterations."""
         required = min(self.tolerance, 0.2 * (self.pressure_tolerance or 1.0))
         digits = math.log10(1e-5 / required)
-        work = (1.8e-7 + 1.2e-6 * math.sqrt(fraction)) * max(
+        work = (1.8e-7 + 1.2e-6 * math.sqrt(min(fraction, 0.1))) * max(
             0.5, 1.0 + 0.14 * digits
         )
         factor = {"single": 0.95, "mixed": 1.0, "double": 1.4}[self.precision]

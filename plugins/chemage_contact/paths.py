@@ -7,7 +7,7 @@ boundary elements halve their steps until each is either smooth or a jump.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -181,33 +181,26 @@ def more_errors(quantity: Quantity, **errors: tuple[float, str]) -> Quantity:
     return found if math.isfinite(found.half_width) else found.but(stated="")
 
 
-def coarser(surface: Surface) -> Iterator[tuple[int, Surface]]:
-    """The surface on pixels that are two, three or four times as large: two of these, or those that its period allows.
+def finer(surface: Surface) -> Surface:
+    """The surface on pixels of half the size: the same waves if it repeats, else cubic splines."""
+    from scipy.interpolate import make_interp_spline
 
-    A surface that does not repeat loses pixels on both sides, so that its middle stays that of a pixel, or a corner:
-    contacts stick to symmetric grids most.
-    """
-    factors = [
-        k
-        for k in (2, 3, 4)
-        if not surface.periodic or not any(n % k for n in surface.shape)
-    ]
-    for k in factors[:2]:
-        heights = surface.heights
-        for axis, n in enumerate(surface.shape):
-            lost = next((m for m in range(0, 2 * k, 2) if (n - m) % k == 0), n % k)
-            kept = np.arange(lost // 2, lost // 2 + n - lost)
-            heights = np.take(heights, kept, axis)
-        nx, ny = heights.shape
-        yield (
-            k,
-            Surface(
-                heights=heights.reshape(nx // k, k, ny // k, k).mean(axis=(1, 3)),
-                pixel_size=k * surface.pixel_size,
-                periodic=surface.periodic,
-                provenance=surface.provenance,
-            ),
-        )
+    heights = surface.heights
+    for axis, n in enumerate(surface.shape):
+        if surface.periodic:
+            waves = np.fft.rfft(heights, axis=axis)
+            heights = 2 * np.fft.irfft(waves, 2 * n, axis=axis)
+        else:
+            spline = make_interp_spline(
+                np.arange(n), heights, min(3, n - 1), axis=axis
+            )
+            heights = spline(0.5 * np.arange(2 * n) - 0.25)
+    return Surface(
+        heights=heights,
+        pixel_size=surface.pixel_size / 2,
+        periodic=surface.periodic,
+        provenance=surface.provenance,
+    )
 
 
 #: a value of which only rounding is wrong, why there is none, a value and what to say of it, or with its errors

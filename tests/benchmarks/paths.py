@@ -5,7 +5,7 @@
     python tests/benchmarks/paths.py flow
 
 ``spheres``: random Tabor parameters (0.05 to 5) and eight sizes of pixels against Maugis' closed form. ``rough``: against
-a path with four times as many points on pixels of half the size. ``flow``: steps of 1 to 24, and Tamaas where it is
+a path with four times as many points on pixels of a quarter. ``flow``: steps of 1 to 24, and Tamaas where it is
 installed: the surface that KatoSaturated leaves, loaded again.
 """
 
@@ -25,12 +25,12 @@ E = 35.3
 contact: Any = ca.contact
 
 
-def compared(label: str, found: Any, true: Any, counts: dict[str, list[float]]) -> None:
+def compared(label: str, found: Any, true: dict[str, Any], counts: dict[str, list[float]]) -> None:
     """Print errors over stated half widths, and count them."""
     texts = []
-    for one, other in zip(found.quantities(), true.quantities(), strict=True):
-        # works depend on the law, the rest hardly
-        if not (one.known and other.known) or ("exponential" in label and one.unit == "nN nm"):
+    for one in found.quantities():
+        other = true[one.name]
+        if not (one.known and other.known):
             continue
         half = math.hypot(one.half_width, other.half_width)
         error = one.value - other.value
@@ -63,32 +63,39 @@ def spheres(cases: int, seed: int) -> None:
             continue
         number += 1
         points = int(rng.choice([2, 5, 10, 20]))
-        law = str(rng.choice(["dugdale", "exponential"])) if tabor > 3 or tabor < 0.1 else "dugdale"
-        solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, law=law, threads=1)
+        # that of Maugis: the pull-off of another differs by up to 2 %, more than the error of the pixels
+        solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, law="dugdale", threads=1)
         tip = ca.surface("sphere", radius=radius, pixels=pixels, pixel_size=size).make()
         wide = ca.surface("sphere", radius=radius, pixels=4 * pixels, pixel_size=size).make()
         begin = time.process_time()
         found = solver.loop(tip, Path.down_to(load, points))
         took = time.process_time() - begin
-        label = f"{number}: Tabor {tabor:.2f}, {pixels}² pixels, a {top.edge / size:.0f}, {points} points, {law}, "
+        label = f"{number}: Tabor {tabor:.2f}, {pixels}² pixels, a {top.edge / size:.0f}, {points} points, "
         label += f"{len(found.load)} contacts, {took:.1f} s"
-        compared(label, found, maugis.loop(wide, Path.down_to(load)), counts)
+        known = {one.name: one for one in maugis.loop(wide, Path.down_to(load)).quantities()}
+        compared(label, found, known, counts)
     verdict(counts)
 
 
 def rough(cases: int, seed: int) -> None:
-    """Of the same waves on pixels of half the size, four times as many points."""
-    rng, counts = np.random.default_rng(seed), {}
-    for number in range(cases):
-        slope, work = 10 ** rng.uniform(-1.3, -0.7), 10 ** rng.uniform(-2, -1)
-        maker = ca.surface("self-affine", pixels=32, pixel_size=0.5, hurst=0.8, zeta=4, eta=2, rms_slope=slope)
-        fine = _finer(maker.make(number))
-        coarse = ca.Surface(heights=fine.heights[::2, ::2], pixel_size=2 * fine.pixel_size)
-        reach = math.sqrt(coarse.pixel_size * work / 0.4 / E) * 10 ** rng.uniform(0, 0.5)
+    """Of the same waves on pixels of a quarter of the size, four times as many points; factors were calibrated with seeds
+    1 and 2."""
+    rng, counts, number = np.random.default_rng(seed), {}, 0
+    while len(counts.get("pull_off", [])) < cases:
+        number += 1
+        slope, work = 10 ** rng.uniform(-1.7, -0.7), 10 ** rng.uniform(-2, -0.3)
+        range_, zeta = 10 ** rng.uniform(0, 0.5), int(rng.choice([2, 4, 8]))
+        maker = ca.surface("self-affine", pixels=32, pixel_size=0.5, hurst=0.8, zeta=zeta, eta=2, rms_slope=slope)
+        surface = maker.make(100 * seed + number)
+        reach = math.sqrt(surface.pixel_size * work / 0.4 / E) * range_
         solver = contact("adhesive-bem", modulus=E, work_of_adhesion=work, range=reach, threads=1)
-        load = 0.02 * E * slope * coarse.nominal_area
-        found = solver.loop(coarse, Path.down_to(load, 5))
-        true = solver.loop(fine, Path.down_to(load, 20))
+        load = 0.02 * E * slope * surface.nominal_area
+        try:
+            found = solver.loop(surface, Path.down_to(load, 5))
+        except ca.InputError as error:  # adhesion closes all gaps
+            print(f"{number}: {error}", flush=True)
+            continue
+        true = solver._follow(_finer(_finer(surface)), Path.down_to(load, 20)).quantities("approach")
         compared(f"{number}: slope {slope:.2g}, w {work:.2g}, range {reach:.2g}", found, true, counts)
     verdict(counts)
 

@@ -173,8 +173,8 @@ def test_the_page_of_a_run_does_not_call_the_intervals_of_its_contact_those_of_r
 
 @pytest.mark.parametrize("law", ["exponential", "dugdale"])
 def test_an_adhesive_pressure_is_as_far_from_its_limit_as_stated(law):
-    """At a large tolerance, near jumps too. Of 198 contacts of ``contact_errors.py`` one is beyond twice the stated error:
-    0.14 instead of 0.003, at a tolerance of 1e-3, 500 iterations before it goes on to another equilibrium."""
+    """At a large tolerance, near jumps too. Of 776 contacts of ``contact_errors.py`` with adhesion, at a tolerance of 1e-3,
+    three are beyond the stated error, and none beyond twice of it; of these one is."""
     ratios = []
     for seed in range(10):
         rng = np.random.default_rng(seed)
@@ -188,4 +188,4 @@ def test_an_adhesive_pressure_is_as_far_from_its_limit_as_stated(law):
         error = np.linalg.norm(contact.pressure - limit) / np.linalg.norm(contact.pressure)
         ratios.append(error / (contact.convergence["pressure_error"] + 1e-6))
     assert sorted(ratios)[-2] < 2
-    assert max(ratios) < 10
+    assert max(ratios) < 3

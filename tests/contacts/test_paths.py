@@ -181,6 +181,21 @@ def test_a_rough_path_down_and_up_begins_and_ends_apart():
     assert loop.jump_out.value <= loop.jump_in.value + 1e-12
 
 
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long), pytest.param(3, marks=pytest.mark.long)])
+def test_smaller_pixels_change_a_rough_path_about_as_much_as_it_states(seed):
+    """Of four pixels to the shortest wave, against sixteen."""
+    options = {"rms_slope": 0.17, "hurst": 0.8, "zeta": 8, "eta": 2}
+    rough, fine = (
+        ca.surface("self-affine", pixels=32 * k, pixel_size=0.5 / k, **options).make(seed=seed) for k in (1, 4)
+    )
+    solver = soft(law="exponential", range=0.08, work_of_adhesion=0.024)
+    path = Path.down_to(0.02 * E * 0.17 * rough.nominal_area, points=5)
+    found, true = solver.loop(rough, path), solver._follow(fine, path).quantities("approach")
+    for one in (found.pull_off, found.work_of_separation, found.dissipated):
+        assert holds(one, true[one.name].value), one.name
+    assert abs(found.pull_off.value - true["pull_off"].value) > 0.1 * found.pull_off.half_width
+
+
 # -- plastic shapes ---------------------------------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 from scene_files import checked
 from scipy.optimize import brentq
 
@@ -181,6 +182,10 @@ def test_a_tip_is_pressed_as_a_rough_surface_is(tmp_path: Path):
     asked = f"{rough.contact.mean_contact_pressure!r} GPa over contact"
     assert tip.todict()["contact"]["load"] == asked
     assert tip.keys() == ca.load_scene("silica-tip", SOUGHT | {"contact.load": asked}).keys()
+    data = ca.load_scene("silica-tip", SOUGHT).todict()
+    data["contact"]["load"] = "as rough.h5"
+    (tmp_path / "tip.toml").write_text(tomli_w.dumps(data))
+    assert ca.load_scene(tmp_path / "tip.toml").todict()["contact"]["load"] == asked
     ca.write(tmp_path / "surface.h5", rough.surface)
     for name, says in (("none.h5", "none.h5"), ("surface.h5", "or a file with a contact")):
         with pytest.raises(ca.plugin.SceneError, match=says):
