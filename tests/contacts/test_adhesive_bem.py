@@ -102,6 +102,7 @@ def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
 
 
 @pytest.mark.long
+@pytest.mark.campaign
 def test_a_cycle_loses_what_maugis_predicts():
     """Tabor's parameter 2.6: jump-in, jump-out and the work between them, within their stated errors."""
     radius, work, reach = 10.0, 0.3, 0.03 * 1.2

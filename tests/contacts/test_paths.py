@@ -160,6 +160,7 @@ def test_any_number_of_points_gives_pull_off_within_its_error(points):
     assert np.array_equal(loop.displacement[loop.given], [*there, *there[-2::-1]])
 
 
+@pytest.mark.long
 def test_a_path_of_loads_encloses_pull_off():
     tip, solver = sphere(40, 0.25), soft(range=0.1)
     by_load = solver.loop(tip, ["1 nN", "5 nN", "0 nN", "-25 nN"]).pull_off
@@ -261,7 +262,7 @@ def test_an_elastic_path_is_its_contacts():
     assert loop.pull_off.reason == "nothing adheres"
 
 
-@pytest.mark.parametrize(("law", "seed"), [("dugdale", 1), ("exponential", 2)])
+@pytest.mark.parametrize(("law", "seed"), [pytest.param("dugdale", 1, marks=pytest.mark.long), ("exponential", 2)])
 def test_what_a_loose_tolerance_changes_of_a_loop_is_within_its_errors(seed, law):
     surface = ca.surface("self-affine", pixels=36, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=4, eta=2).make(seed)
     solver = soft(law=law, range=0.5, work_of_adhesion=0.3)

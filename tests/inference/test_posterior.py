@@ -326,6 +326,7 @@ def test_the_same_seed_gives_the_same_samples_and_none_has_an_integral_above_one
     assert (first >= 0).all()
 
 
+@pytest.mark.long
 def test_a_model_that_is_the_only_other_one_is_left_again():
     """Another matrix, whose signs are shifted: there and back again is where it was."""
     prior, made = Prior(NODES), problem()

@@ -65,6 +65,7 @@ def test_what_a_pilot_allows_is_as_wide_as_student_and_chi_square(count, freedom
     assert np.quantile(ratios, [0.1, 0.5, 0.9]) == pytest.approx(freedom / shares, rel=0.25)
 
 
+@pytest.mark.long
 def test_corrections_are_foreseen_where_the_coarse_grid_is_not_good_enough(scene):
     found = planned(scene, accuracy={"beta": 0.008})
     assert len(found.computations) > 1
@@ -85,6 +86,7 @@ def test_a_budget_says_how_many_surfaces_and_which_interval_to_expect(scene):
     assert any("the time will be over before" in note for note in both.notes)
 
 
+@pytest.mark.long
 def test_a_number_of_surfaces_has_its_interval_too(scene):
     found = planned(scene, surfaces=30)
     assert found.expected == 30
@@ -111,6 +113,7 @@ def test_a_mean_that_is_too_dear_for_a_pilot_has_one_on_a_sketch_or_none(scene, 
     assert timed.foreseen.intervals == {}
 
 
+@pytest.mark.long
 def test_any_quantity_is_foreseen(scene):
     for name in ("area_fraction", "patches", "friction_coefficient_drop@1e3 s"):
         found = planned(scene, accuracy={name: 0.05})
@@ -118,6 +121,7 @@ def test_any_quantity_is_foreseen(scene):
         assert found.cpu_seconds > 0
 
 
+@pytest.mark.long
 def test_that_beta_cannot_be_told_from_zero_is_said(scene):
     """In balance long before the window: the bonds fluctuate about their mean."""
     changes = {
@@ -150,6 +154,7 @@ def test_memory_is_that_of_the_surfaces_at_the_same_time(scene, monkeypatch):
     assert found.memory == pytest.approx(computations.PROGRAM + 2 * one.bytes)
 
 
+@pytest.mark.long
 def test_what_is_left_out_is_said_with_the_reason(scene):
     observed = ca.parse_scene({**DATA, "observe": [{"kind": "pressure-spectrum"}]})
     found = planned(observed, accuracy={"beta": 0.05}).not_computed()
@@ -161,7 +166,7 @@ def test_what_is_left_out_is_said_with_the_reason(scene):
     assert not any("replicas on each" in one for one in planned(scene, surfaces=30).not_computed())
 
 
-@pytest.mark.parametrize("temperature", [900.0, 150.0])
+@pytest.mark.parametrize("temperature", [pytest.param(900.0, marks=pytest.mark.long), 150.0])
 def test_where_hardly_a_bond_forms_in_the_window_it_is_said_why(temperature):
     """All have formed before the window at 900 K, and none forms before its end at 150 K: β is 0."""
     one = ca.parse_scene({**DATA, "hold": {**DATA["hold"], "temperature": temperature}})
@@ -174,6 +179,7 @@ def test_where_hardly_a_bond_forms_in_the_window_it_is_said_why(temperature):
     assert planned(one, surfaces=30).foreseen.intervals == {}
 
 
+@pytest.mark.long
 def test_the_speed_of_the_machine_changes_nothing_that_is_computed(scene, monkeypatch):
     asked = with_request(scene, accuracy={"beta": 0.1})
     before, mean = plan(asked), ca.ensemble(asked)
