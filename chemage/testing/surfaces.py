@@ -94,10 +94,11 @@ class SurfaceChecks(Checks[SurfaceMaker], of=SurfaceMaker):
             lambda seed: self.component.make(seed).heights.tobytes(), "make"
         )
         if self._random():
-            for seed in (-1, 0.5):
+            wrong: tuple[Any, ...] = (-1, 0.5)
+            for seed in wrong:
                 refuses(
                     f"make({seed})", lambda seed=seed: self.component.make(seed)
-                )  # pyright: ignore[reportArgumentType]
+                )
 
     calls_are_independent = independent_calls
 

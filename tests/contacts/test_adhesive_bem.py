@@ -101,7 +101,6 @@ def test_adhesion_enlarges_the_contact_and_holds_under_a_pull():
     assert contacts[2].load < 0
 
 
-@pytest.mark.long
 @pytest.mark.campaign
 def test_a_cycle_loses_what_maugis_predicts():
     """Tabor's parameter 2.6: jump-in, jump-out and the work between them, within their stated errors."""
