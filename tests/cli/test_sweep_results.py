@@ -39,6 +39,7 @@ def test_show_as_json_has_every_point(study, command):
     assert shown["results"][4]["beta"] == study[4].summary["beta"]
 
 
+@pytest.mark.long
 def test_plot_draws_into_a_folder_beside(study, command, tmp_path):
     done = command("plot", "study")
     assert done.status == 0, done.err

@@ -39,7 +39,7 @@ def test_adhesion_states_the_error_of_its_pressure_and_not_its_residual(law, tol
     assert max(ratios) < 1.5
 
 
-@pytest.mark.parametrize("start", ["apart", "contact"])
+@pytest.mark.parametrize("start", ["apart", pytest.param("contact", marks=pytest.mark.long)])
 def test_a_rim_that_sticks_to_the_grid_is_within_the_stated_area(start):
     """Dugdale's law at Tabor's parameter 2.4, pixels of 0.45 of the zone, no load."""
     radius, work = 30.0, 0.1

@@ -103,7 +103,7 @@ def test_points_are_off_with_their_probability(correlated):
     assert off.argmax() == 4
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_instruments_have_calibrations_of_their_own():
     """Two curves of one density, 20 % apart: the difference is known, and what they share is that of the prior."""
     size, width = 12, 0.1

@@ -367,6 +367,7 @@ def test_bars_of_measurements_are_95_percent_as_those_of_results_are_and_say_so(
     assert [0.5 * np.ptp(bar[:, 1]) for bar in bars] == pytest.approx(1.959964 * error)
 
 
+@pytest.mark.long
 def test_under_one_load_measured_friction_is_drawn_as_a_coefficient_too(results):
     comparison = Comparison(of(results, "tip").results, [data("friction_drop", "pull", 40.0)])
     labels, axes = lines_of(comparison_figures(comparison)["friction-coefficient-drop"])
@@ -375,6 +376,7 @@ def test_under_one_load_measured_friction_is_drawn_as_a_coefficient_too(results)
     np.testing.assert_allclose(points.get_ydata(), comparison.measured[0].values / 30.0)
 
 
+@pytest.mark.long
 def test_results_far_apart_are_drawn_on_a_logarithmic_axis(results):
     near = comparison_figures(of(results, "tip", "free"))["friction-drop"].axes[0]
     assert near.get_yscale() == "linear"

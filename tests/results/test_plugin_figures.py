@@ -101,6 +101,7 @@ def test_each_result_is_drawn_with_its_own_options(tiny, parts, tmp_path):
     assert [line.get_xdata()[1] for line in made.axes[0].lines] == [1.2, 1.6]
 
 
+@pytest.mark.long
 def test_one_kind_twice_in_a_result_is_told_apart(tiny, parts):
     drawing(parts.Flat, "mine", {"mine-figure": "Barriers."}, level)
     figure = figures(ran(tiny, forming={"kind": "mine"}, breaking={"kind": "mine"}))["mine-figure"]
@@ -114,6 +115,7 @@ def test_a_component_inside_a_component_brings_its_figures(tiny, parts):
     assert "mine-figure" in figures(ran(tiny, engine={"kind": "outer", "inner": "mine"}))
 
 
+@pytest.mark.long
 def test_contact_mechanics_alone_has_the_figures_of_its_components(tiny, parts, tmp_path):
     drawing(parts.Tip, "tip", {"tip-figure": "A tip."}, level)
     scene = {name: part for name, part in tiny.scene(surface={"kind": "tip"}).items() if name in ("name", "contact")}
@@ -214,6 +216,7 @@ def test_a_name_that_is_no_file_is_left_out(tiny, parts, name):
         assert list(figures(run)) == ["surface", "pressure", "friction"]
 
 
+@pytest.mark.long
 def test_figures_that_are_no_mapping_are_reported(tiny, parts):
     drawing(parts.Flat, "mine", ("a", "b"), level)
     run = ran(tiny, forming={"kind": "mine"})
@@ -268,6 +271,7 @@ def test_a_plugin_that_computes_nothing_draws_every_result(tiny):
     assert "cap" in figures(loaded(tiny, 10.0))
 
 
+@pytest.mark.long
 def test_two_plugins_with_one_figure(tiny):
     plugin(FIGURES, "first")
     plugin(FIGURES, "second")

@@ -38,7 +38,7 @@ SIDE = 128
 #: of 255: root mean square difference of images that show the same. Another font gives 0, 256 colours in place of all
 #: up to 0.7; a curve with its errors that is missing gives 2 to 12
 DIFFERENT = 1.0
-WIDTHS = ("1", *(pytest.param(width, marks=pytest.mark.long) for width in ("2", None)))
+WIDTHS = ("1", *(pytest.param(width, marks=pytest.mark.campaign) for width in ("2", None)))
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +183,7 @@ def test_every_figure_looks_as_its_baseline(results):
     assert changed == {}
 
 
+@pytest.mark.long
 def test_a_curve_that_is_missing_is_seen(results):
     figure = drawn_anew({"force": results["force"]}, "1")["force-friction"]
     before = thumbnail(figure)

@@ -76,6 +76,7 @@ def test_a_heat_map_has_a_cell_for_each_pair(swept):
     assert figure.axes[1].get_ylabel() == "ageing rate per decade β"
 
 
+@pytest.mark.long
 def test_many_lines_become_a_heat_map(swept, monkeypatch):
     faults.most_lines(monkeypatch, 1)
     result = swept({"contact.load": [5, 10, 20], "hold.temperature": [300, 310]})

@@ -65,7 +65,9 @@ def test_measured_waves_stay_as_they_are(factor, resolution):
     assert np.all(after[between] != before[between])
 
 
-@pytest.mark.parametrize("lines", ["none", "differences", "linear"])
+@pytest.mark.parametrize(
+    "lines", ["none", *(pytest.param(one, marks=pytest.mark.long) for one in ("differences", "linear"))]
+)
 # robust lines through a few hills leave a line off the others
 @pytest.mark.filterwarnings("ignore:.*lie off the lines on both sides")
 def test_waves_that_the_alignment_of_lines_took_are_drawn_from_the_spectrum(lines):
@@ -288,6 +290,7 @@ def test_the_command_prints_a_section_that_is_a_scene(command):
     assert "height_unit, pixel_size" in refused.err
 
 
+@pytest.mark.long
 def test_what_is_not_self_affine_is_measured_and_makes_no_scene(command):
     with pytest.raises(InputError, match="too few wavelengths"):
         fit_roughness(ca.Surface(heights=np.random.default_rng(0).standard_normal((8, 8)), pixel_size=1.0))

@@ -218,6 +218,7 @@ def test_in_a_figure_bands_are_of_surfaces_and_bars_of_one(files):
         assert sum(label.startswith(start) for label in labels) == 1
 
 
+@pytest.mark.long
 def test_a_page_of_an_ensemble_has_its_curve_its_errors_and_its_seeds(files):
     page = report([files / "mean.h5"])
     for words in (

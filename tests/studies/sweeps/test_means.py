@@ -147,7 +147,7 @@ def start(*words: object) -> subprocess.Popen:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_a_job_array_of_four_gives_the_same(whole, file, tmp_path):
     shares = [start("sweep", file, "--out", tmp_path / "out", "--points", f"{share}/4") for share in range(1, 5)]
     for share in shares:
@@ -158,7 +158,7 @@ def test_a_job_array_of_four_gives_the_same(whole, file, tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("executor", ["processes", "dask"])
+@pytest.mark.parametrize("executor", ["processes", pytest.param("dask", marks=pytest.mark.campaign)])
 def test_workers_give_the_same(whole, file, tmp_path, executor):
     ca.sweep(file, tmp_path / "out", executor=executor, workers=2)
     assert same(tmp_path / "out", whole.folder)

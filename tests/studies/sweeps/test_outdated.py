@@ -100,6 +100,7 @@ def lab(tiny, site, tmp_path):
     return Lab(tiny, site, tmp_path / "out")
 
 
+@pytest.mark.long
 def test_a_plugin_that_answers_nothing_changes_nothing(lab):
     first = lab.sweep()[0]
     before = {point.index: point.summary for point in first}

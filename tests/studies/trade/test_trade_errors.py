@@ -110,6 +110,7 @@ def registered(cls: type[FFTBEM]) -> Iterator[None]:
     ca.unregister(cls)
 
 
+@pytest.mark.long
 def test_one_replica_has_differences_without_errors():
     found = ca.tradeoff(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 1}), rounds=1)
     for point in singles(found, "contact.tolerance").values():
@@ -154,6 +155,7 @@ def test_the_figure_has_a_panel_for_each_observable(found: ca.Tradeoff):
     ]
 
 
+@pytest.mark.long
 def test_command_line(tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     arguments = ["tradeoff", "silica-tip", "--set", "hold.replicas=2", "--set", "hold.per_decade=2"]

@@ -226,6 +226,7 @@ def differences(found: ca.Tradeoff) -> dict[str, Any]:
     return {one.words: (one.differences, one.values, one.scatter) for one in found.points}
 
 
+@pytest.mark.long
 def test_a_map_that_was_stopped_is_resumed_with_equal_times(scene, faster, tmp_path, tiny):
     class Stopped(Exception):
         pass
@@ -364,6 +365,7 @@ def test_a_difference_within_its_error_is_not_resolved():
     assert np.isnan(Deviation(0.001, float("nan"), 0).bound)
 
 
+@pytest.mark.long
 def test_the_figure_has_a_panel_for_each_observable(drawn, found):
     assert [axes.get_title() for axes in figures(drawn)["trade"].axes] == ["β", "corrected contact area"]
     assert len(figures(found)["trade"].axes) == 1 + 3 + 4

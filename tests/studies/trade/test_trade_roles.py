@@ -233,6 +233,7 @@ def test_few_of_many_values_are_tried():
     assert "forming.levels: 8 of 100 values are tried" in notes
 
 
+@pytest.mark.long
 def test_a_setting_that_is_refused_has_its_reason():
     class Refusing(Stepped):
         kind = "refusing"
