@@ -177,12 +177,21 @@ class ReadOnlyList(list[Any]):
         return list, (list(self),)
 
 
+#: types of what cannot be changed
+_CONSTANT = str, int, float, bool, type(None)
+
+
 def read_only(value: Any) -> Any:
     """``value`` with its mappings, lists and arrays read-only, at any depth."""
     if isinstance(value, ReadOnlyDict | ReadOnlyList):
         return value
     if isinstance(value, Mapping):
-        return ReadOnlyDict((name, read_only(one)) for name, one in value.items())
+        return ReadOnlyDict(
+            {
+                name: one if type(one) in _CONSTANT else read_only(one)
+                for name, one in value.items()
+            }
+        )
     if type(value) in (list, tuple):
         return (ReadOnlyList if type(value) is list else tuple)(
             map(read_only, value)

@@ -118,6 +118,8 @@ class Registry:
         if os.environ.get("CHEMAGE_TRACE", "") not in ("", "0"):
             self.manager.add_hookcall_monitoring(trace_before, trace_after)
         self.records: list[PluginRecord] = []
+        #: those with hooks, by the name that these have
+        self._with_hooks: dict[str, PluginRecord] = {}
         self.roles: dict[
             str, str
         ] = {}  # role -> "module:Class" of its abstract class
@@ -272,6 +274,7 @@ class Registry:
                 self.manager.unregister(plugin)
             record.kinds, record.offered, record.options = {}, {}, ""
             raise
+        self._with_hooks[name] = record
         if stages or roles:
             self.add_room(plugin)
             self.owners |= {stage.section: record for stage in stages}
@@ -378,9 +381,6 @@ class Registry:
                 f"the plugins are {', '.join(sorted(in_use))}"
             )
 
-    def _by_full_name(self) -> dict[str, PluginRecord]:
-        return {full_name(record): record for record in self.records}
-
     def _in_order(self, implementations: Sequence[Any]) -> list[Any]:
         """Implementations of a hook as pluggy has them, the first one last, with those of preferred plugins first."""
         preferred = context.preference()
@@ -388,7 +388,7 @@ class Registry:
             return list(implementations)
         ranks = {
             name: -preferred.index(record.name)
-            for name, record in self._by_full_name().items()
+            for name, record in self._with_hooks.items()
             if record.name in preferred
         }
         others = -len(preferred)
@@ -411,11 +411,10 @@ class Registry:
 
     def functions(self, hook: str) -> list[tuple[PluginRecord, Any]]:
         """Each plugin that implements ``hook``, with its function, sorted by the name of the plugin."""
-        records = self._by_full_name()
         found = [
-            (records[each.plugin_name], each.function)
+            (self._with_hooks[each.plugin_name], each.function)
             for each in getattr(self.manager.hook, hook).get_hookimpls()
-            if each.plugin_name in records
+            if each.plugin_name in self._with_hooks
         ]
         return sorted(found, key=lambda one: one[0].name)
 
@@ -753,7 +752,7 @@ class Registry:
             if record.seconds > SLOW
         ]
         said += self._shared_kinds()
-        records = self._by_full_name()
+        records = self._with_hooks
         for name in self.stage_hooks():
             ordered = self._in_order(
                 getattr(self.manager.hook, name).get_hookimpls()

@@ -606,6 +606,8 @@ def _without_none(data: Any) -> Any:
     if isinstance(data, dict):
         return {
             key: _without_none(value)
+            if isinstance(value, dict | list | tuple)
+            else value
             for key, value in data.items()
             if value is not None
         }

@@ -337,7 +337,11 @@ SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2)
             for kind in PLAIN
             if kind != "rejection-free"
         ),
-        *(pytest.param(kind, range(59, 66), 10**6, marks=pytest.mark.long) for kind in PLAIN if kind != "auto"),
+        *(
+            pytest.param(kind, range(59, 66), 10**6, marks=pytest.mark.campaign if kind == "bkl" else pytest.mark.long)
+            for kind in PLAIN
+            if kind != "auto"
+        ),
         # the same on more lattices
         *(pytest.param(kind, range(66, 79), 10**6, marks=pytest.mark.campaign) for kind in PLAIN if kind != "auto"),
         # on nine sites, as on a large lattice: predicting, with a list of fast sites
