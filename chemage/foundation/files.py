@@ -416,13 +416,13 @@ def check_data(data: Any, most: float = inf) -> None:
         left += [
             (f"{path}.{name}".lstrip("."), part, depth + 1)
             for name, part in inner
-            # numbers and short texts are by far the most frequent
-            if not (
-                type(part) is float
-                or (type(part) is int and abs(part) < 2**63)
-                or (type(part) is str and len(part) <= LONGEST_TEXT)
-            )
+            if not _is_small(part)
         ]
+
+
+def _is_small(value: Any) -> bool:
+    # numbers are by far the most frequent, and only large ones matter
+    return isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
 
 
 def _problem(item: Any, depth: int, most: float) -> str:

@@ -160,7 +160,7 @@ class Inference(Record):
     prior_fitted: Doubles
     """(P, m) ΔF of each sample of the prior of the density, with scalars of the posterior, nN"""
     curves: tuple[Plain, ...]
-    """of each curve: ``name``, ``load`` (nN), ``temperature`` (K), ``quantity``"""
+    """of each curve: ``name``, ``load`` (nN), ``temperature`` (K), ``quantity``, ``instrument``"""
     scalars: Named = {}
     """name of an unknown -> (S,) its posterior samples, in its unit"""
     scalar_bounds: dict[str, tuple[float, float]] = {}
