@@ -42,7 +42,7 @@ from chemage.studies.ensembles.quantities import (
 )
 from chemage.studies.trade import TradeMap
 
-#: scatter of a quantity between surfaces over its mean, by which the first grid is chosen
+#: scatter of a quantity between surfaces that is expected where nothing is known, over the mean
 SCATTER = 0.05
 
 
@@ -246,6 +246,8 @@ class Request:
         many surfaces are needed, a finer one where its error leaves too little of the interval to few surfaces."""
         surface, area = self.scene.surface, cost(self.scene).area_fraction
         means = {} if area is None else {"area_fraction": area}
+        scatter = surface.scatter(means)
+        spread = (scatter and scatter.relative) or SCATTER
         left = (min(goal.accuracy for goal in self.goals) / limit(math.inf)) ** 2
         fitted = self.quantities.has_beta
         names = {
@@ -261,12 +263,12 @@ class Request:
             alone = math.inf
             if error**2 < left:
                 alone = (
-                    max(stages.FIRST, SCATTER**2 / (left - error**2)) * way.seconds
+                    max(stages.FIRST, spread**2 / (left - error**2)) * way.seconds
                 )
             own = ways[-1].with_replicas(replicas_of_difference(ways[-1], way))
             both = own.seconds + way.with_replicas(own.replicas).seconds
             corrections = max(stages.FIRST_DIFFERENCES, DIFFERENCE**2 / left) * both
-            many = max(stages.FIRST, SCATTER**2 / left) * way.seconds
+            many = max(stages.FIRST, spread**2 / left) * way.seconds
             return min(alone, many + corrections)
 
         return min(range(len(ways)), key=lambda number: seconds(ways[number]))
