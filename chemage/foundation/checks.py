@@ -28,9 +28,6 @@ from pydantic import (
     ConfigDict,
     GetJsonSchemaHandler,
     ValidationError,
-    ValidationInfo,
-    ValidatorFunctionWrapHandler,
-    field_validator,
 )
 from pydantic_core import core_schema
 
@@ -66,7 +63,7 @@ MOST_TIMES = 10_000_000
 def is_table(value: Any) -> bool:
     """Whether ``value`` is a mapping of names."""
     return isinstance(value, Mapping) and all(
-        isinstance(name, str) for name in value
+        map(isinstance, value, itertools.repeat(str))
     )
 
 
@@ -333,56 +330,34 @@ class Frozen(BaseModel):
         return described
 
     def __init__(self, /, **fields: Any) -> None:
+        problems = {}
+        for name, with_unit in _numeric_fields(type(self)).items():
+            value = fields.get(name)
+            for item in value if isinstance(value, list | tuple) else (value,):
+                if type(item) not in _NUMBERS and (
+                    text := _is_no_number(item, with_unit)
+                ):
+                    problems[name] = text
         try:
             super().__init__(**fields)
         except ValidationError as error:
             known = list(type(self).model_fields)
             options = f"; the options are {', '.join(known) or 'none'}"
-            problems = []
             for path, text in explain(error):
                 if text == "no such option":
                     answer = type(self).elsewhere.get(path)
                     hint = f" ({answer})" if answer else nearest(path, known)
                     text += f"{hint}{options}"
-                problems.append((path, text))
-            raise InputError(
-                f"{self._title()}: {in_lines(problems)}", problems
-            ) from None
+                if not problems.get(path, "").endswith(_UNIT):
+                    problems[path] = text
+        if problems:
+            found = list(problems.items())
+            raise InputError(f"{self._title()}: {in_lines(found)}", found)
 
     @classmethod
     def _title(cls) -> str:
         """What messages call it."""
         return cls.__name__
-
-    @field_validator("*", mode="wrap")
-    @classmethod
-    def _no_booleans(
-        cls, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo
-    ) -> Any:
-        """Refuse in a field of numbers, also in a list, what pydantic takes for one: True and False, masked values, and
-        data that carry a unit where the field has none."""
-        name = info.field_name
-        if name is None or name not in (numeric := _numeric_fields(cls)):
-            return handler(value)
-        items = value if isinstance(value, list | tuple) else (value,)
-        for item in items:
-            if isinstance(item, int | float | str):
-                continue
-            if (data := carried(item)) is None and hasattr(item, "__array__"):
-                plain_array(item)  # nothing in it is masked
-            elif (
-                data is not None
-                and not numeric[name]
-                and data.unit != "dimensionless"
-            ):
-                raise ValueError(
-                    f"{shown(item)} carries the unit {data.unit}; give plain numbers here"
-                )
-        checked = handler(value)
-        for item in items:
-            if isinstance(item, bool | np.bool_ | np.timedelta64):
-                raise ValueError(f"{item} is not a number")
-        return checked
 
     @classmethod
     def model_construct(
@@ -399,6 +374,28 @@ class Frozen(BaseModel):
             for name in super().__dir__()
             if name not in _OF_EVERY_MODEL or name in fields
         )
+
+
+#: types of what is taken for a number, or for a text with a unit, without a question
+_NUMBERS = int, float, str, type(None)
+#: ends what is said of data with a unit, whatever else is wrong with them
+_UNIT = "; give plain numbers here"
+
+
+def _is_no_number(item: Any, with_unit: bool) -> str:
+    """Why an item is none, although pydantic may take it for one: True and False, masked values, and data that carry a
+    unit where the field has none; in words, "" if it is."""
+    if isinstance(item, bool | np.bool_ | np.timedelta64):
+        return f"{item} is not a number"
+    data = carried(item)
+    if data is not None and not with_unit and data.unit != "dimensionless":
+        return f"{shown(item)} carries the unit {data.unit}{_UNIT}"
+    if data is None and hasattr(item, "__array__"):
+        try:
+            plain_array(item)  # nothing in it is masked
+        except UnitError as error:
+            return str(error)
+    return ""
 
 
 def meanings(cls: type[BaseModel]) -> dict[str, str]:

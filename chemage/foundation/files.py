@@ -405,42 +405,31 @@ def check_data(data: Any, most: float = inf) -> None:
     left: list[tuple[str, Any, int]] = [("", data, 0)]
     while left:
         path, item, depth = left.pop()
-        if problem := _problem(item, depth, most):
-            raise InputError("", [(shortened(path), problem)])
+        problem, count, inner = "", 0, ()
         if isinstance(item, dict):
-            inner = item.items()
+            count, inner = len(item), item.items()
+            if not all(map(isinstance, item, itertools.repeat(str))):
+                problem = "has names that are no texts"
         elif isinstance(item, list):
-            inner = enumerate(item)
-        else:
-            continue
-        left += [
-            (f"{path}.{name}".lstrip("."), part, depth + 1)
-            for name, part in inner
-            if not _is_small(part)
-        ]
-
-
-def _is_small(value: Any) -> bool:
-    # numbers are by far the most frequent, and only large ones matter
-    return isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
-
-
-def _problem(item: Any, depth: int, most: float) -> str:
-    if depth > DEEPEST:
-        return f"is nested more than {DEEPEST} deep; write it flatter"
-    count = 0
-    if isinstance(item, dict):
-        count = len(item)
-    elif isinstance(item, list):
-        count = sum(isinstance(part, dict) for part in item)
-    if count > most:
-        return f"has {count} entries; give at most {most}"
-    if isinstance(item, dict) and not all(
-        map(isinstance, item, itertools.repeat(str))
-    ):
-        return "has names that are no texts"
-    if isinstance(item, int) and item.bit_length() > MOST_BITS:
-        return f"a whole number of more than {MOST_BITS} bits; give a smaller one"
-    if isinstance(item, str) and len(item) > LONGEST_TEXT:
-        return f"a text of {len(item)} characters; give at most {LONGEST_TEXT}"
-    return ""
+            count, inner = [*map(type, item)].count(dict), enumerate(item)
+        elif isinstance(item, int) and item.bit_length() > MOST_BITS:
+            problem = (
+                f"a whole number of more than {MOST_BITS} bits; give a smaller one"
+            )
+        elif isinstance(item, str) and len(item) > LONGEST_TEXT:
+            problem = (
+                f"a text of {len(item)} characters; give at most {LONGEST_TEXT}"
+            )
+        if depth > DEEPEST:
+            problem = f"is nested more than {DEEPEST} deep; write it flatter"
+        elif count > most:
+            problem = f"has {count} entries; give at most {most}"
+        if problem:
+            raise InputError("", [(shortened(path), problem)])
+        for name, part in inner:
+            # numbers are by far the most frequent, and only large ones matter
+            small = isinstance(part, float) or (
+                type(part) is int and abs(part) < 2**63
+            )
+            if not small:
+                left.append((f"{path}.{name}".lstrip("."), part, depth + 1))

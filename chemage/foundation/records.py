@@ -186,12 +186,11 @@ def read_only(value: Any) -> Any:
     if isinstance(value, ReadOnlyDict | ReadOnlyList):
         return value
     if isinstance(value, Mapping):
-        return ReadOnlyDict(
-            {
-                name: one if type(one) in _CONSTANT else read_only(one)
-                for name, one in value.items()
-            }
-        )
+        inner = dict(value)
+        for name, one in inner.items():
+            if type(one) not in _CONSTANT:
+                inner[name] = read_only(one)
+        return ReadOnlyDict(inner)
     if type(value) in (list, tuple):
         return (ReadOnlyList if type(value) is list else tuple)(
             map(read_only, value)
@@ -305,7 +304,8 @@ class Record(Frozen, metaclass=_Documented):
                     ) from None
         super().__init__(**fields)
         for name, value in vars(self).items():
-            vars(self)[name] = read_only(value)
+            if type(value) not in _CONSTANT:
+                vars(self)[name] = read_only(value)
 
     def todict(self) -> Data:
         """Field name -> value; arrays stay arrays."""

@@ -38,6 +38,7 @@ from chemage.foundation.errors import InputError, UnitError, shortened, shown
 
 if TYPE_CHECKING:
     import pint
+    from pydantic import BaseModel
 
 
 class WithUnit(Protocol):
@@ -106,7 +107,7 @@ def convert(value: object, unit: str, field: str = "") -> float:
             raise UnitError(f"{field}: {error}") from None
     if isinstance(value, str):
         return _parse(value, unit)
-    data = carried(value)
+    data = None if isinstance(value, int | float) else carried(value)
     number: Any = value if data is None else magnitudes(data, unit)
     try:
         if hasattr(number, "__array__"):
@@ -270,7 +271,9 @@ def in_words(data: Any, path: str = "") -> Any:
     ``"20.0 micronewton"``, or a list of strings, and an array a list."""
     if isinstance(data, Mapping):
         return {
-            name: in_words(item, f"{path}.{name}".lstrip("."))
+            name: item
+            if isinstance(item, int | float | str)
+            else in_words(item, f"{path}.{name}".lstrip("."))
             for name, item in data.items()
         }
     if isinstance(data, list | tuple):
@@ -478,9 +481,15 @@ class Unit:
         return f"Unit({self.unit!r})"
 
 
-def unit_of(field: FieldInfo) -> str:
-    """The unit of a field of a model; empty where it is no quantity."""
-    return next((mark.unit for mark in _marks(field) if isinstance(mark, Unit)), "")
+@lru_cache(maxsize=512)
+def units_of(model: type[BaseModel]) -> Mapping[str, str]:
+    """The unit of each field of a model that is a quantity."""
+    return {
+        name: mark.unit
+        for name, field in model.model_fields.items()
+        for mark in _marks(field)
+        if isinstance(mark, Unit)
+    }
 
 
 def is_file_path(field: FieldInfo) -> bool:

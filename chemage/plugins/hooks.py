@@ -24,6 +24,7 @@ from collections.abc import (
     Sequence,
 )
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
@@ -198,19 +199,19 @@ class Stage(Owned):
     def _title(self) -> str:
         return f"stage {self.section!r}"
 
-    @property
+    @cached_property
     def roles(self) -> dict[str, str]:
         """Section -> role of what stands in it, ``parts`` first; "" where its options are those of :meth:`model`."""
         return {**self.parts, self.section: self.role}
 
-    @property
+    @cached_property
     def entries(self) -> dict[str, Beside]:
         """``beside`` by path in a scene."""
         return {
             f"{self.section}.{name}": entry for name, entry in self.beside.items()
         }
 
-    @property
+    @cached_property
     def changes(self) -> bool:
         """Whether it makes anew what another stage made."""
         return self.makes in self.takes
@@ -266,12 +267,14 @@ class Stage(Owned):
             options = value.model_dump(mode="json", exclude_none=True)
         else:
             options = dict(value)
-        data = {
-            name: options_of(parts[name]) for name in self.parts if name in parts
-        }
-        own = {name: options[name] for name in options if name not in self.parts}
-        beside = {name: parts[f"{self.section}.{name}"] for name in self.beside}
-        return {**data, self.section: own | beside}
+        data, own = {}, dict(options)
+        for name in self.parts:
+            own.pop(name, None)
+            if name in parts:
+                data[name] = options_of(parts[name])
+        for name in self.beside:
+            own[name] = parts[f"{self.section}.{name}"]
+        return {**data, self.section: own}
 
     def fault(self, answer: Any, arguments: Fields) -> str:
         """What contradicts itself in the ``answer`` to its hook, or the ``arguments`` of the call, in words; "" if

@@ -9,7 +9,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib import metadata
 from typing import Any
 
@@ -49,7 +49,7 @@ class PluginRecord:
     #: libraries that it names as its basis (``CHEMAGE_LIBRARIES``) -> version
     libraries: dict[str, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def owner(self) -> str:
         """What stands before the colon where one of its kinds is qualified, as in ``grit:winkler``."""
         return OWN if self.distribution == OWN else self.name

@@ -14,7 +14,7 @@ from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError
 from chemage.foundation.names import FACTORIES
-from chemage.foundation.units import unit_of
+from chemage.foundation.units import units_of
 from chemage.plugins import context
 from chemage.plugins.registry import current
 
@@ -101,11 +101,11 @@ class PluginOptions(Component):
 
     def text(self) -> str:
         """The options that decide the answer in one line: ``peak = 2.0 GPa, smooth = true``."""
-        fields = type(self).model_fields
+        units = units_of(type(self))
         shown = {
             name: "none"
             if value is None
-            else f"{json.dumps(value, sort_keys=True)} {unit_of(fields[name])}".rstrip()
+            else f"{json.dumps(value, sort_keys=True)} {units.get(name, '')}".rstrip()
             for name, value in self.identity().items()
         }
         return ", ".join(f"{name} = {value}" for name, value in shown.items())

@@ -128,6 +128,7 @@ class Registry:
             str, PluginRecord
         ] = {}  # section -> the plugin whose stage it is
         self._stages: list[Stage] | None = None
+        self._stage_hooks: list[str] | None = None
         #: the plugin's full name, role and kind -> class
         self._classes: dict[tuple[str, str, str], type] = {}
         for name in ROOMS:
@@ -162,7 +163,7 @@ class Registry:
         if (answers := getattr(room, "ANSWERS", None)) is not None:
             self._attach(answers(), room.__name__.removesuffix(".hooks"))
         self.roles |= getattr(room, "ROLES", {})
-        self._stages = None
+        self._stages = self._stage_hooks = None
 
     def stages(self) -> list[Stage]:
         """What the rooms declare of their stages, each after those that it rests on."""
@@ -516,11 +517,13 @@ class Registry:
 
     def stage_hooks(self) -> list[str]:
         """The hooks of which one answer is used: those of the stages."""
-        return [
-            name
-            for name in self._hook_names()
-            if is_stage(getattr(self.manager.hook, name))
-        ]
+        if self._stage_hooks is None:
+            self._stage_hooks = [
+                name
+                for name in self._hook_names()
+                if is_stage(getattr(self.manager.hook, name))
+            ]
+        return self._stage_hooks
 
     # -- components ---------------------------------------------------------------------------------------------------
 
@@ -544,7 +547,13 @@ class Registry:
 
     def offers(self, role: str, kind: str) -> list[PluginRecord]:
         """The plugins that have ``kind``, qualified or not."""
-        return [record for record in self.records if record.own_kind(role, kind)]
+        qualified = ":" in kind
+        return [
+            record
+            for record in self.records
+            if kind in record.kinds.get(role, ())
+            or (qualified and record.own_kind(role, kind))
+        ]
 
     def first(
         self, offers: Iterable[PluginRecord]
@@ -835,7 +844,7 @@ def current() -> Registry:
 
 def stages() -> list[Stage]:
     """The stages of a scene, of chemage and of the plugins in use, each after those that it rests on."""
-    return current().stages()
+    return (_current or current()).stages()
 
 
 def named(name: str) -> Any:
@@ -869,7 +878,7 @@ def _spelling(cls: Any, everywhere: bool) -> str:
     with _discovery:
         if _finding:  # nothing is registered yet
             return cls.kind
-    plugins = current()
+    plugins = _current or current()
     record = plugins.provider(cls)
     if record is None or record.component is not None:
         return cls.kind

@@ -40,21 +40,20 @@ def nested(value: Any, path: str = "") -> list[tuple[str, Any]]:
         path, value = ahead.pop()
         if isinstance(value, Component):
             found.append((path, value))
-            value = {
-                name: getattr(value, name) for name in type(value).model_fields
-            }
+            names = type(value).model_fields
+            value = dict(zip(names, map(vars(value).get, names), strict=True))
         elif isinstance(value, list | tuple):
             value = dict(enumerate(value))
-        if isinstance(value, Mapping) and value:
-            ahead += [
-                (f"{path}.{name}", value[name]) for name in reversed([*value])
-            ]
+        if isinstance(value, Mapping):
+            for name in reversed([*value]):
+                if not isinstance(value[name], int | float | str):
+                    ahead.append((f"{path}.{name}", value[name]))
     return found
 
 
 def components_in(*values: Any) -> list[Any]:
     """The components with a role in components, lists and mappings, as :func:`nested` finds them."""
-    return [component for _, component in nested(values) if component.role]
+    return [each for _, each in nested(values) if each.role]
 
 
 def providers(*components: Any) -> Plugins:

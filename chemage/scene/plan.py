@@ -18,7 +18,7 @@ from chemage.foundation.errors import ChemageError, InputError, PlanWarning
 from chemage.foundation.machine import slowness
 from chemage.foundation.memory import require
 from chemage.foundation.threads import available
-from chemage.foundation.units import unit_of
+from chemage.foundation.units import units_of
 from chemage.lattices.site_grid import BYTES_PER_SITE
 from chemage.plugins import registry
 from chemage.plugins.hooks import KEYS, Doubt, Parts, Stated
@@ -518,17 +518,10 @@ def plan(scene: Scene) -> Plan:
 
 
 def _unusual(path: str, component: Component, *, bonds: bool) -> Iterator[Doubt]:
-    for name, info in type(component).model_fields.items():
+    for name, unit in units_of(type(component)).items():
         value = getattr(component, name)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not value
-        ):
-            continue
-        unit = unit_of(info)
         usual = BOND_FORCES if unit == "nN" and bonds else USUAL.get(unit)
-        if usual is None:
+        if usual is None or not isinstance(value, int | float) or not value:
             continue
         if not usual[0] <= abs(value) <= usual[1]:
             text = f"{usual[2]}; a bare number is in {unit}, give another unit as text, {usual[3]}"

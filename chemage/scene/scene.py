@@ -34,7 +34,7 @@ from chemage.foundation.checks import Frozen, check_times, hold_times
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
 from chemage.foundation.records import content_hash
-from chemage.foundation.units import FilePath, Temperature, Time, convert, unit_of
+from chemage.foundation.units import FilePath, Temperature, Time, convert, units_of
 from chemage.friction.role import Rupture
 from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
@@ -265,11 +265,9 @@ class Scene(Section):
                     else fields["others"]
                 )
                 place[stage.section] = parts[stage.section]
-            fields |= {
-                beside.field: parts[path]
-                for path, beside in stage.entries.items()
-                if path in parts
-            }
+            for path, beside in stage.entries.items():
+                if path in parts:
+                    fields[beside.field] = parts[path]
         return fields
 
     @property
@@ -288,16 +286,12 @@ class Scene(Section):
                 continue
             if stage.only_with and getattr(self, stage.only_with) is None:
                 continue
-            parts |= {
-                name: part
-                for name in stage.parts
-                if (part := getattr(value, name)) is not None
-            }
+            for name in stage.parts:
+                if (part := getattr(value, name)) is not None:
+                    parts[name] = part
             parts[stage.section] = value
-            parts |= {
-                path: getattr(self, beside.field)
-                for path, beside in stage.entries.items()
-            }
+            for path, beside in stage.entries.items():
+                parts[path] = getattr(self, beside.field)
         return parts
 
     def sections(self) -> dict[str, Component]:
@@ -341,8 +335,11 @@ class Scene(Section):
         section, _, option = path.rpartition(".")
         plugin = self.plugins.get(section.removeprefix("plugins."))
         owner = plugin or self.parts.get(section)
-        info = getattr(type(owner), "model_fields", {}).get(option)
-        return unit_of(info) if info is not None else ""
+        return (
+            units_of(type(owner)).get(option, "")
+            if isinstance(owner, Frozen)
+            else ""
+        )
 
     def todict(self) -> Data:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
@@ -577,11 +574,7 @@ def _sections(parts: Fields, options_of: Callable[[Component], Data]) -> Data:
 
 def file_name(name: str) -> str:
     """``name`` if it can name a scene and its result file; else a ValueError that says why."""
-    if (
-        not name
-        or name.startswith(".")
-        or any(letter in "/\\" or not letter.isprintable() for letter in name)
-    ):
+    if name[:1] in ("", ".") or not name.isprintable() or {*"/\\"} & {*name}:
         raise ValueError(
             "it names the result file; leave out slashes, a leading dot and invisible characters"
         )
@@ -604,13 +597,12 @@ def heading(scene: Fields, name: str = "") -> str:
 
 def _without_none(data: Any) -> Any:
     if isinstance(data, dict):
-        return {
-            key: _without_none(value)
-            if isinstance(value, dict | list | tuple)
-            else value
-            for key, value in data.items()
-            if value is not None
-        }
+        left = {}
+        for key, value in data.items():
+            if value is not None:
+                inner = isinstance(value, dict | list | tuple)
+                left[key] = _without_none(value) if inner else value
+        return left
     if isinstance(data, list | tuple):
-        return [_without_none(value) for value in data]
+        return [*map(_without_none, data)]
     return data
