@@ -36,6 +36,7 @@ from chemage.foundation.units import FilePath as FilePath
 from chemage.foundation.files import FileStamp as FileStamp
 from chemage.ageing.fitting import Fit as Fit
 from chemage.foundation.records import Flags as Flags
+from chemage.kinetics.history import Followed as Followed
 from chemage.foundation.units import Force as Force
 from chemage.foundation.units import Frequency as Frequency
 from chemage.surfaces.reading import HeightMap as HeightMap
@@ -65,6 +66,7 @@ from chemage.foundation.units import Pressure as Pressure
 from chemage.friction.pulling import PullHistory as PullHistory
 from chemage.friction.pulling import Pulling as Pulling
 from chemage.foundation.quantities import Quantity as Quantity
+from chemage.kinetics.role import Ramp as Ramp
 from chemage.foundation.quantities import Rank as Rank
 from chemage.surfaces.reading import Reader as Reader
 from chemage.foundation.records import Record as Record
@@ -111,6 +113,7 @@ from chemage.foundation import container as container
 from chemage.foundation.records import content_hash as content_hash
 from chemage.foundation.units import convert as convert
 from chemage.lattices.chemistry import coordination as coordination
+from chemage.kinetics.history import counters_of as counters_of
 from chemage.foundation.result import displays as displays
 from chemage.foundation import figures as figures
 from chemage.foundation.records import file_hash as file_hash

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from chemage.friction.pulling import Drive, Partners, PullHistory, Pulling
     from chemage.friction.role import Bonded, Rupture
     from chemage.kinetics.history import BondHistory
+    from chemage.kinetics.role import Ramp
     from chemage.lattices.chemistry import Chemistry
     from chemage.lattices.lattice import ReactionLattice
 
@@ -47,9 +48,11 @@ def chemage_pull_bonds(
     partners: Partners | None,
     contact: ContactSolution | None,
     chemistry: Chemistry | None,
+    ramp: Ramp | None,
 ) -> PullHistory | None:
     """Pull at the bonds of one replica. Return None to leave it to the next plugin; chemage itself answers last.
 
+    ``ramp``: what temperature and barriers become by the last of the times, None where they stay.
     ``contact`` and ``chemistry`` are what the lattice was made from, None where it was made by hand. Called once for
     each pull, never per event.
     """
@@ -82,7 +85,9 @@ class OwnRuptureMethod:
         seed: Seed,
         start: PullHistory | BondHistory | np.ndarray | None,
         partners: Partners | None,
+        ramp: Ramp | None,
     ) -> PullHistory:
+        how = {} if ramp is None else {"ramp": ramp}
         return engine.run(
             lattice,
             drive,
@@ -91,6 +96,7 @@ class OwnRuptureMethod:
             seed=seed,
             start=start,
             partners=partners,
+            **how,
         )
 
 

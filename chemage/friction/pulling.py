@@ -38,6 +38,7 @@ from chemage.kinetics.history import (
     checked_start,
     counters_of,
 )
+from chemage.kinetics.role import Ramp
 from chemage.lattices.chemistry import Chemistry, effective_forming
 from chemage.lattices.lattice import ReactionLattice
 from chemage.lattices.role import Barriers
@@ -290,6 +291,20 @@ class Pulling(Component, ABC):
         """Run on validated input: ``times`` (m,) s, not before the end of ``start``; ``partners`` None where sites keep
         theirs."""
 
+    def _follow_ramp(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: np.ndarray,
+        temperature: float,
+        ramp: Ramp,
+        seed: Seed,
+        start: Start,
+        partners: Partners | None,
+    ) -> PullHistory:
+        """The same where conditions change: to those of ``ramp``, whose temperature is in K."""
+        raise InputError(f"pulling {self.kind!r} takes no ramp; pull in steps")
+
     def run(
         self,
         lattice: ReactionLattice,
@@ -300,6 +315,7 @@ class Pulling(Component, ABC):
         seed: Seed = 0,
         start: Start = None,
         partners: Partners | None = None,
+        ramp: Ramp | None = None,
     ) -> PullHistory:
         """Pull at the bonds on ``lattice`` and give force and bonds at each of ``times``.
 
@@ -355,15 +371,14 @@ class Pulling(Component, ABC):
                 "partners: give two quantiles or more, and one shift for each site"
             )
         with recording() as recorded:
-            pulled = self._run(
-                lattice,
-                drive,
-                moments,
-                kelvin,
-                seed,
-                start,
-                partners if drive.partner == "new" else None,
-            )
+            rest = seed, start, partners if drive.partner == "new" else None
+            if ramp is None:
+                pulled = self._run(lattice, drive, moments, kelvin, *rest)
+            else:
+                ramp = ramp.checked(lattice, kelvin)
+                pulled = self._follow_ramp(
+                    lattice, drive, moments, kelvin, ramp, *rest
+                )
         if isinstance(start, Followed):
             pulled = pulled.model_copy(
                 update={"resume": {**counters_of(start.resume), **pulled.resume}}
@@ -387,6 +402,7 @@ def pull(
     temperature: QuantityLike,
     seed: Seed = 0,
     start: Start = None,
+    ramp: Ramp | None = None,
     contact: ContactSolution | None = None,
     chemistry: Chemistry | None = None,
 ) -> PullHistory:
@@ -416,6 +432,7 @@ def pull(
         seed=seed,
         start=start,
         partners=partners,
+        ramp=ramp,
         contact=contact,
         chemistry=chemistry,
     )

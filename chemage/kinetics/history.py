@@ -91,6 +91,8 @@ class Followed(Observing, Record):
         self, lattice: Any, temperature: float, start: Any = None, **arguments: Any
     ) -> str:
         """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
+        if (ramp := arguments.get("ramp")) is not None:
+            temperature = ramp.checked(lattice, temperature).temperature
         ours, times = getattr(self, self.of_times), arguments[self.of_times]
         if not np.array_equal(ours, times):
             return f"its {self.of_times} are {_few(ours)} s, and not those of the run, {_few(times)} s"

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from chemage.contacts.solution import ContactSolution
     from chemage.foundation.checks import Seed
     from chemage.kinetics.history import BondHistory
-    from chemage.kinetics.role import Engine
+    from chemage.kinetics.role import Engine, Ramp
     from chemage.lattices.chemistry import Chemistry
     from chemage.lattices.lattice import ReactionLattice
 
@@ -30,10 +30,12 @@ def chemage_run_kinetics(
     start: BondHistory | None,
     contact: ContactSolution | None,
     chemistry: Chemistry | None,
+    ramp: Ramp | None,
 ) -> BondHistory | None:
     """Run one replica. Return None to leave it to the next plugin; chemage itself answers last.
 
-    ``contact`` and ``chemistry`` are what the lattice was made from, None where an engine is run on a lattice by hand.
+    ``ramp``: what temperature and barriers become by the last hold time, None where they stay. ``contact`` and
+    ``chemistry`` are what the lattice was made from, None where an engine is run on a lattice by hand.
     Called once per replica (once per piece where checkpoints are kept; ``start`` is then the piece before), never per
     event.
     """
@@ -51,9 +53,16 @@ class OwnEngineMethod:
         temperature: float,
         seed: Seed,
         start: BondHistory | None,
+        ramp: Ramp | None,
     ) -> BondHistory:
+        how = {} if ramp is None else {"ramp": ramp}
         return engine.run(
-            lattice, hold_times, temperature=temperature, seed=seed, start=start
+            lattice,
+            hold_times,
+            temperature=temperature,
+            seed=seed,
+            start=start,
+            **how,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -25,6 +26,44 @@ from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.sources import approximation_of, noted
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """What the conditions of a run become until its last hold time, linearly in time from those that it begins with.
+
+    Temperature and barriers change at once: a site has the rate ν exp(−E(t)/k_B T(t)).
+    """
+
+    temperature: QuantityLike | None = None
+    """K, or text with its unit; None: as at the beginning"""
+    lattice: ReactionLattice | None = None
+    """the same sites with other barriers; None: as at the beginning"""
+
+    def checked(self, lattice: ReactionLattice, temperature: float) -> Ramp:
+        """The ramp with temperature (K) and lattice, for a run on ``lattice``.
+
+        Raises
+        ------
+        InputError
+            Its lattice has other sites or couplings, or bonds that last on one of the two alone.
+        """
+        end = lattice if self.lattice is None else self.lattice
+        expect("ramp.lattice", end, ReactionLattice, "give one with the same sites")
+        if (end.breaking is None) != (lattice.breaking is None) or any(
+            not np.array_equal(
+                np.array(getattr(end, name)), np.array(getattr(lattice, name))
+            )
+            for name in ("sites", "neighbours", "coupling", "attempt_frequency")
+        ):
+            problem = "has other sites, couplings or attempt frequency"
+            raise InputError.of(
+                "ramp.lattice", end, problem, "change barriers alone"
+            )
+        kelvin = temperature
+        if self.temperature is not None:
+            kelvin = temperature_value(self.temperature)
+        return Ramp(kelvin, end)
 
 
 class Engine(Component, ABC):
@@ -93,6 +132,20 @@ class Engine(Component, ABC):
         """Run on validated input: ``hold_times`` (m,) s non-decreasing ≥ 0, ``temperature`` K > 0,
         ``start`` None (nothing bonded), (n,) bool, or a history whose lattice has the same number of sites."""
 
+    def _follow_ramp(
+        self,
+        lattice: ReactionLattice,
+        hold_times: np.ndarray,
+        temperature: float,
+        ramp: Ramp,
+        seed: Seed,
+        start: BondHistory | np.ndarray | None,
+    ) -> BondHistory:
+        """The same where conditions change: to those of ``ramp``, whose temperature is in K."""
+        raise InputError(
+            f"engine {self.kind!r} takes no ramp; hold in steps, or use another engine (for example 'rejection-free')"
+        )
+
     def run(
         self,
         lattice: ReactionLattice,
@@ -101,6 +154,7 @@ class Engine(Component, ABC):
         temperature: QuantityLike,
         seed: Seed = 0,
         start: BondHistory | np.ndarray | None = None,
+        ramp: Ramp | None = None,
     ) -> BondHistory:
         """Follow the bonds on ``lattice`` to each hold time.
 
@@ -120,6 +174,8 @@ class Engine(Component, ABC):
             None (nothing bonded at time 0), a bool array (n,), or a finished history to resume from. Resuming with the
             same lattice, temperature and seed equals the uninterrupted run bit for bit where ``restart`` is true; with
             others, or after a pull, it takes random numbers that no step before has used. An array begins a new run.
+        ramp
+            What temperature and barriers become by the last hold time; None: they stay.
 
         Raises
         ------
@@ -130,7 +186,13 @@ class Engine(Component, ABC):
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         with recording() as recorded:
-            history = self._run(lattice, times, kelvin, seed, start)
+            if ramp is None:
+                history = self._run(lattice, times, kelvin, seed, start)
+            else:
+                ramp = ramp.checked(lattice, kelvin)
+                history = self._follow_ramp(
+                    lattice, times, kelvin, ramp, seed, start
+                )
         if isinstance(start, BondHistory):
             # an engine hands on the counters that it does not know
             history = history.model_copy(
@@ -175,6 +237,7 @@ def run_kinetics(
     temperature: QuantityLike,
     seed: Seed = 0,
     start: BondHistory | None = None,
+    ramp: Ramp | None = None,
     states: bool = False,
     contact: ContactSolution | None = None,
     chemistry: Chemistry | None = None,
@@ -189,7 +252,7 @@ def run_kinetics(
     Raises
     ------
     InputError
-        ``states`` with an engine that cannot resume from a history.
+        ``states`` with a ramp, or with an engine that cannot resume from a history.
     PluginError
         What the engine or a plugin gave contradicts itself or the lattice.
     """
@@ -204,6 +267,7 @@ def run_kinetics(
         "lattice": lattice,
         "temperature": temperature_value(temperature),
         "seed": seed,
+        "ramp": ramp,
     }
     arguments |= {"contact": contact, "chemistry": chemistry}
     times = check_times(hold_times)
@@ -211,6 +275,8 @@ def run_kinetics(
         return _answered(engine, hold_times=times, start=start, **arguments)
     if not engine.restart:
         raise InputError(cannot_give_states(engine))
+    if ramp is not None:
+        raise InputError("states: not known on the way of a ramp; hold in steps")
     seen, whole = [], None
     for number in range(times.size):
         start = _answered(

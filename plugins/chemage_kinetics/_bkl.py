@@ -36,6 +36,7 @@ from chemage_kinetics._common import (
     Instant,
     Int,
     Key,
+    Ramp,
     Sites,
     begin_sequence,
     borrowed,
@@ -49,6 +50,7 @@ from chemage_kinetics._common import (
     jit,
     later,
     neighbour,
+    over_bound,
     past,
     prefetch,
     prefetch_rows,
@@ -272,10 +274,12 @@ def _look_ahead(run: BklRun, attempt: Int, total: Float) -> None:
 
 
 @jit
-def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
+def advance(
+    run: BklRun, superbasins: bool | None, ramp: Ramp | None, attempts: Int
+) -> None:
     """Go on for at most ``attempts`` attempts, or to the last hold time (then ``counters[DONE]`` is 1).
 
-    superbasins: True or None, so that the two-state chain is compiled only where it is used.
+    superbasins: True or None, so that the two-state chain is compiled only where it is used; None with a ``ramp``.
     """
     run = borrowed(run)
     classes = run.classes
@@ -314,6 +318,12 @@ def advance(run: BklRun, superbasins: bool | None, attempts: Int) -> None:
         attempts -= 1
         if i < 0:
             continue
+        if ramp is not None:
+            u, _ = random.uniform_pair(
+                run.key.k0, run.key.k1, STREAM, event - 1, np.int64(OF_SOJOURN)
+            )
+            if u >= over_bound(i, classes.records[i, 0], now, ramp, classes.model):
+                continue
 
         rate_back = 0.0
         leave_back = np.inf

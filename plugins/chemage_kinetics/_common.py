@@ -155,6 +155,22 @@ class KineticModel(NamedTuple):
     per_unit: float
 
 
+class Ramp(NamedTuple):
+    """Conditions that change linearly in time, under the bounds of a model that has the highest of all temperatures and
+    the lowest of all barriers meanwhile."""
+
+    begin: float
+    """s"""
+    span: float
+    """s"""
+    heat: tuple[float, float]
+    """temperature at the beginning and the end over that of the model"""
+    forming: Array
+    """(2, n) eV that the barriers of the sites lie above those of the model, at the beginning and the end; or (2, 0)"""
+    breaking: Array
+    """the same of the breaking barriers"""
+
+
 class Sites(NamedTuple):
     """All sites in their present states. What takes ``sites`` takes any tuple with these two."""
 
@@ -276,6 +292,35 @@ def site_rate(site: Int, words: Array, model: KineticModel) -> Float:
 
 
 @inner
+def progress(now: Instant, ramp: Ramp) -> tuple[Float, Float]:
+    """How far a ramp is, from 0 to 1, and the temperature over that of the model."""
+    part = ((now[0] - ramp.begin) + now[1]) / ramp.span
+    return part, ramp.heat[0] + part * (ramp.heat[1] - ramp.heat[0])
+
+
+@inner
+def above(levels: Array, i: Int, part: Float) -> Float:
+    """What the barrier of site i lies above that of the model, eV."""
+    return levels[0, i] + part * (levels[1, i] - levels[0, i])
+
+
+@inner
+def over_bound(
+    i: Int, word: Int, now: Instant, ramp: Ramp, model: KineticModel
+) -> Float:
+    """The present rate of site i, whose word this is, over that in the model: with this probability an event that the
+    model gives takes place (thinning; Lewis and Shedler, Nav. Res. Logist. Q. 26, 403 (1979))."""
+    part, heat = progress(now, ramp)
+    bonded = word & 1
+    barrier = fixed_barrier(model.breaking[i]) if bonded else word >> 1
+    bound = max(barrier, 0) * model.per_unit
+    levels = ramp.breaking if bonded else ramp.forming
+    if levels.shape[1] > 0:
+        barrier += fixed_barrier(above(levels, i, part))
+    return math.exp(bound - max(barrier, 0) * (model.per_unit / heat))
+
+
+@inner
 def rate_around(site: Int, sites: Any) -> Float:
     """Total rate of a site's neighbours."""
     total = 0.0
@@ -380,6 +425,14 @@ def set_time(times: Array, i: Int, instant: Instant) -> None:
 
 
 @hot
+def own_uniform(i: Int, sites: Any, stream: Int) -> Float:
+    """The next random number of site i; ``sites``: see `next_event`."""
+    draw = sites.draws[i]
+    sites.draws[i] = draw + 1
+    return random.uniform(sites.key.k0, sites.key.k1, stream, sites.pixels[i], draw)
+
+
+@hot
 def next_event(
     i: Int, barrier: Int, now: Instant, sites: Any, stream: Int
 ) -> Instant:
@@ -387,10 +440,7 @@ def next_event(
 
     ``sites``: any tuple with its ``key``, ``model``, ``pixels`` and ``draws``.
     """
-    draw = sites.draws[i]
-    sites.draws[i] = draw + 1
-    u = random.uniform(sites.key.k0, sites.key.k1, stream, sites.pixels[i], draw)
-    wait = -math.log(u) / sites.model.nu
+    wait = -math.log(own_uniform(i, sites, stream)) / sites.model.nu
     if barrier > 0:
         wait *= math.exp(barrier * sites.model.per_unit)
     return later(now, wait)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from chemage import InputError, ReactionLattice
-from chemage.plugin import KB, BondHistory, PullHistory, Seed, random
+from chemage.plugin import KB, BondHistory, PullHistory, Ramp, Seed, random
 from chemage.plugin import threads as processors
 from chemage_kinetics import _common
 from chemage_kinetics._common import Array, Holds, Key, KineticModel, mix
@@ -378,6 +378,78 @@ class Job(Start):
             engine=self.kind,
             lattice_hash=f"{int(self.mark[0]):016x}",
             resume={**self.identity(), **resume},
+        )
+
+
+#: a ramp is followed in parts in which barriers change by about so many k_BT, where they are of so many at most, and in
+#: no more parts than these: parts save attempts, and the answer does not depend on them
+CHANGE, CROSSED, MOST_PARTS = 1.0, 60.0, 256
+
+
+class RampPart(NamedTuple):
+    """A part of a ramp."""
+
+    lattice: ReactionLattice
+    """with the lowest barriers of this part"""
+    temperature: float
+    """the highest, K"""
+    times: Array
+    """s: those of the run, and the end"""
+    ramp: _common.Ramp | None
+
+
+def parts_of(
+    lattice: ReactionLattice,
+    times: Array,
+    begin: float,
+    temperature: float,
+    to: Ramp,
+) -> Iterator[RampPart]:
+    """The parts of a ramp from ``begin`` (s) to the last of ``times``."""
+    end, kelvin = to.lattice, to.temperature
+    assert end is not None
+    assert isinstance(kelvin, float)
+    final = float(times[-1])
+    if final <= begin:
+        yield RampPart(end, kelvin, np.append(times, final), None)
+        return
+    barriers = {
+        name: (own, there - own)
+        for name in ("forming", "breaking")
+        if (own := getattr(lattice, name)) is not None
+        and np.any((there := getattr(end, name)) != own)
+    }
+    largest = max(
+        (float(np.abs(rise).max()) for _, rise in barriers.values()), default=0.0
+    )
+    change = largest / (KB * min(temperature, kelvin))
+    change += CROSSED * abs(math.log(kelvin / temperature))
+    count = math.ceil(min(max(change / CHANGE, 1.0), MOST_PARTS))
+    for part in range(count):
+        shares = np.array([part, part + 1]) / count
+        since, until = begin + (final - begin) * shares
+        until = final if part == count - 1 else until
+        kelvins = temperature + (kelvin - temperature) * shares
+        hottest = float(kelvins.max())
+        lowest, above = {}, {}
+        for name, (own, rise) in barriers.items():
+            levels = own + rise * shares[:, None]
+            lowest[name] = levels.min(axis=0)
+            above[name] = levels - lowest[name]
+        none = np.empty((2, 0))
+        yield RampPart(
+            lattice.model_copy(update=lowest),
+            hottest,
+            np.append(times[(times > since) & (times <= until)], until)
+            if part
+            else np.append(times[times <= until], until),
+            _common.Ramp(
+                float(since),
+                float(until - since),
+                (float(kelvins[0]) / hottest, float(kelvins[1]) / hottest),
+                above.get("forming", none),
+                above.get("breaking", none),
+            ),
         )
 
 

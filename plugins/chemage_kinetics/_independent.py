@@ -18,12 +18,15 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
+    Ramp,
     begin_own_sequence,
     borrowed,
     count_flip,
     fixed_barrier,
     jit,
     next_event,
+    over_bound,
+    own_uniform,
     past,
     rate,
     set_time,
@@ -68,7 +71,12 @@ def draw_times(sites: IndependentSites, start: Float) -> None:
 
 @jit
 def follow(
-    sites: IndependentSites, holds: Holds, rng: Array, first: Int, last: Int
+    sites: IndependentSites,
+    holds: Holds,
+    ramp: Ramp | None,
+    rng: Array,
+    first: Int,
+    last: Int,
 ) -> None:
     """Follow the sites ``first`` to ``last`` - 1 to the last hold time. rng: (5,) uint64 scratch, see `_common`."""
     sites = borrowed(sites)
@@ -92,12 +100,19 @@ def follow(
             while past(now, holds.times[hold]):
                 hold += 1
             bonded = not sites.state[i]
+            if ramp is not None:
+                word = 2 * forms + (not bonded)
+                u = own_uniform(i, sites, STREAM)
+                if u >= over_bound(i, word, now, ramp, model):
+                    barrier = forms if bonded else breaks
+                    now = next_event(i, barrier, now, sites, STREAM)
+                    continue
             sites.state[i] = bonded
             count_flip(holds.tally, hold, np.int64(bonded))
             if model.breaking.size == 0:
                 now = NEVER
                 break
-            if until(now, holds.times[hold]) * slower > FLICKER:
+            if ramp is None and until(now, holds.times[hold]) * slower > FLICKER:
                 # Many events before the hold time: the state there, and their number, are drawn together.
                 begin_own_sequence(rng, i, sites, STREAM)
                 here = rate(breaks if bonded else forms, model)

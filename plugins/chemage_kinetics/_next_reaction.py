@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.plugin import random
 from chemage_kinetics._common import (
     FLICKER,
     NEVER,
@@ -29,6 +28,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
+    Ramp,
     begin_own_sequence,
     borrowed,
     change_state,
@@ -44,6 +44,8 @@ from chemage_kinetics._common import (
     later,
     neighbour,
     next_event,
+    over_bound,
+    own_uniform,
     past,
     prefetch,
     prefetch_rows,
@@ -232,11 +234,7 @@ def _stay(
         change_state(i, sites)
     chosen = -1
     if exited:
-        u = random.uniform(
-            sites.key.k0, sites.key.k1, STREAM, sites.pixels[i], sites.draws[i]
-        )
-        chosen = choose_around(i, u, sites)
-        sites.draws[i] += 1
+        chosen = choose_around(i, own_uniform(i, sites, STREAM), sites)
     # Given that there was no event around it, the pending times are exponential from now on.
     _draw_cold(i, now, sites, times)
     for s in range(degree(sites.model)):
@@ -314,12 +312,14 @@ def follow(
     first: Int,
     last: Int,
     superbasins: bool | None,
+    ramp: Ramp | None,
     events: Int,
 ) -> Int:
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.
 
-    superbasins: True or None, so that the two-state chain is compiled only where it is used. Returns the first patch
-    that is not finished. Its queue is made again from the pending times when it is continued, so nothing else is kept.
+    superbasins: True or None, so that the two-state chain is compiled only where it is used; None with a ``ramp``.
+    Returns the first patch that is not finished. Its queue is made again from the pending times when it is continued,
+    so nothing else is kept.
     """
     run = borrowed(run)
     sites = run.sites
@@ -361,6 +361,11 @@ def follow(
             now = time_of(queue.times, i)
             while past(now, hold_times[hold]):
                 hold += 1
+            if ramp is not None:
+                u = own_uniform(i, sites, STREAM)
+                if u >= over_bound(i, sites.words[i], now, ramp, sites.model):
+                    _draw(i, now, sites, queue.times)
+                    continue
             if superbasins is None:
                 size = _event(run, i, now, hold, size, grid, present)
             else:

@@ -24,12 +24,15 @@ import numpy as np
 from chemage.plugin import random
 from chemage_kinetics._common import (
     STREAMS,
+    UNITS_PER_EV,
     Array,
     Float,
     Instant,
     Int,
     Key,
     KineticModel,
+    Ramp,
+    above,
     borrowed,
     degree,
     fixed_barrier,
@@ -39,7 +42,9 @@ from chemage_kinetics._common import (
     jit,
     later,
     neighbour,
+    over_bound,
     past,
+    progress,
     rate,
     until,
 )
@@ -595,8 +600,30 @@ def _draw(run: PullRun) -> None:
     run.reals[LEFT] = -math.log(u)
 
 
+@hot
+def _takes_place(i: Int, v: Float, run: PullRun, ramp: Ramp | None) -> bool:
+    """Whether an event of site i that the bounds give does, by a uniform number ``v``: its present rate is lower where
+    conditions change, and that of a bond before the end of its window."""
+    bonded = run.words[i] & 1
+    if ramp is None and not bonded:
+        return True
+    now = _now(run)
+    if ramp is not None and not bonded:
+        return v < over_bound(i, run.words[i], now, ramp, run.model)
+    stretch = max(_present_stretch(i, run), 0.0)
+    barrier, gain = run.bonds.barrier[i], run.bonds.gain
+    if ramp is not None:
+        part, heat = progress(now, ramp)
+        if ramp.breaking.shape[1] > 0:
+            energy = run.model.breaking[i] + above(ramp.breaking, i, part)
+            barrier = max(energy, 0.0) * (run.model.per_unit * UNITS_PER_EV)
+        barrier, gain = barrier / heat, gain / heat
+    present = under_force(barrier, stretch * gain, run.bonds.exponent, run.model.nu)
+    return v * run.rates.tree[i] < present
+
+
 @jit
-def advance(run: PullRun, events: Int) -> None:
+def advance(run: PullRun, ramp: Ramp | None, events: Int) -> None:
     """Go on for about ``events`` events, or to the last time (then ``counts[DONE]`` is 1).
 
     The state is that of the last event; it is followed to a time only to be sampled, so that what is sampled changes
@@ -655,14 +682,8 @@ def advance(run: PullRun, events: Int) -> None:
             _two_sum(reals, PULL, run.drive.spring * run.drive.speed * step)
         _shift(way, run)
         i = select(run.rates, reals[CHOICE] * tree_total(run.rates), 0.0)
-        accepted = True
-        if run.words[i] & 1:
-            v, _ = random.uniform_pair(
-                run.key.k0, run.key.k1, STREAM, counts[EVENT], 1
-            )
-            accepted = v * run.rates.tree[i] < _rate_at(
-                i, run, _present_stretch(i, run)
-            )
+        v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)
+        accepted = _takes_place(i, v, run, ramp)
         counts[EVENT] += 1
         _draw(run)
         if accepted:

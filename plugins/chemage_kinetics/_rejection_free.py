@@ -38,6 +38,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
+    Ramp,
     begin_sequence,
     block_sum,
     borrowed,
@@ -50,6 +51,7 @@ from chemage_kinetics._common import (
     jit,
     later,
     neighbour,
+    over_bound,
     past,
     prefetch,
     prefetch_site,
@@ -501,10 +503,12 @@ def _select(
 
 
 @jit
-def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> None:
+def advance(
+    run: RejectionFreeRun, superbasins: bool | None, ramp: Ramp | None, events: Int
+) -> None:
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 
-    superbasins: True or None, so that the two-state chain is compiled only where it is used.
+    superbasins: True or None, so that the two-state chain is compiled only where it is used; None with a ``ramp``.
     """
     run = borrowed(run)
     times = run.holds.times
@@ -536,6 +540,12 @@ def advance(run: RejectionFreeRun, superbasins: bool | None, events: Int) -> Non
         i, rate_back, drawn = _select(run, v, drawn, total, listed)
         event += 1
         events -= 1
+        if ramp is not None:
+            u, _ = random.uniform_pair(
+                run.key.k0, run.key.k1, STREAM, event - 1, np.int64(OF_SOJOURN)
+            )
+            if u >= over_bound(i, run.words[i], now, ramp, run.model):
+                continue
 
         leave_back = np.inf
         if superbasins is not None and i == last and run.model.breaking.size > 0:

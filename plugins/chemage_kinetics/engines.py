@@ -9,8 +9,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ReactionLattice
-from chemage.plugin import BondHistory, Engine, threads
-from chemage_kinetics import _bkl, _independent, _next_reaction, _rejection_free
+from chemage.plugin import BondHistory, Engine, Ramp, counters_of, threads
+from chemage_kinetics import (
+    _bkl,
+    _common,
+    _independent,
+    _next_reaction,
+    _rejection_free,
+)
 from chemage_kinetics._bkl import BklRun
 from chemage_kinetics._common import (
     DONE,
@@ -21,7 +27,14 @@ from chemage_kinetics._common import (
     Holds,
     patches_of,
 )
-from chemage_kinetics._driver import SLICE, Job, bonded, expected_cost, run_pieces
+from chemage_kinetics._driver import (
+    SLICE,
+    Job,
+    bonded,
+    expected_cost,
+    parts_of,
+    run_pieces,
+)
 from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
 from chemage_kinetics._rate_classes import members, new_classes
 from chemage_kinetics._rejection_free import (
@@ -96,12 +109,44 @@ class KernelEngine(Engine):
         start: BondHistory | Array | None,
     ) -> BondHistory:
         return self._follow(
-            Job(self.kind, lattice, hold_times, temperature, seed, start)
+            Job(self.kind, lattice, hold_times, temperature, seed, start), None
+        )
+
+    def _follow_ramp(
+        self,
+        lattice: ReactionLattice,
+        hold_times: Array,
+        temperature: float,
+        ramp: Ramp,
+        seed: Seed,
+        start: BondHistory | Array | None,
+    ) -> BondHistory:
+        """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
+        begin = start.time if isinstance(start, BondHistory) else 0.0
+        seen: list[BondHistory] = []
+        for part in parts_of(lattice, hold_times, begin, temperature, ramp):
+            job = Job(
+                self.kind, part.lattice, part.times, part.temperature, seed, start
+            )
+            start = self._follow(job, part.ramp)
+            seen.append(start)
+        counts = {
+            name: np.concatenate([getattr(one, name)[:-1] for one in seen])
+            for name in ("bonds", "formed", "broken")
+        }
+        # the pending events are those of the last bounds
+        return seen[-1].model_copy(
+            update={
+                **counts,
+                "hold_times": hold_times,
+                "temperature": ramp.temperature,
+                "resume": counters_of(seen[-1].resume),
+            }
         )
 
     @abstractmethod
-    def _follow(self, job: Job) -> BondHistory:
-        """Follow the bonds to the last hold time."""
+    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
+        """Follow the bonds to the last hold time, at the rates of the job or, with a ramp, under them."""
 
 
 class ThreadedEngine(Engine):
@@ -132,7 +177,11 @@ class FlickerEngine(Engine):
 
     superbasins: bool = False
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
-    cost does not depend on the number of its events (Novotny 1995); default: no"""
+    cost does not depend on the number of its events (Novotny 1995); not in ramps, where rates change; default: no"""
+
+    def chains(self, ramp: _common.Ramp | None) -> bool | None:
+        """Whether it does, as the kernels are told."""
+        return (self.superbasins and ramp is None) or None
 
 
 class EventEngine(KernelEngine, FlickerEngine):
@@ -152,6 +201,7 @@ class EventEngine(KernelEngine, FlickerEngine):
         job: Job,
         run: BklRun | RejectionFreeRun,
         advance: Callable[..., None],
+        ramp: _common.Ramp | None,
         *counted: tuple[str, int],
     ) -> dict[str, Array]:
         """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
@@ -170,7 +220,7 @@ class EventEngine(KernelEngine, FlickerEngine):
             )
             counters[LAST] = -1
         while not counters[DONE]:
-            advance(run, self.superbasins or None, SLICE)
+            advance(run, self.chains(ramp), ramp, SLICE)
         return {
             "clock": run.clock,
             **{
@@ -193,7 +243,7 @@ class RejectionFree(EventEngine):
     bibtex = (GILLESPIE,)
     cost = (430e-9, 15e-9, 18)
 
-    def _follow(self, job: Job) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
         words = job.words()
         rates = empty_rates(
             words.size,
@@ -219,7 +269,12 @@ class RejectionFree(EventEngine):
             if fast.size:
                 relist(fast, rates)
         done = self._advanced(
-            job, run, _rejection_free.advance, ("event", EVENT), ("drawn", DRAWN)
+            job,
+            run,
+            _rejection_free.advance,
+            ramp,
+            ("event", EVENT),
+            ("drawn", DRAWN),
         )
         return job.history(
             bonded(words), fast=rates.sites[: rates.listed[0]].copy(), **done
@@ -239,7 +294,7 @@ class BKL(EventEngine):
     bibtex = (BORTZ,)
     cost = (650e-9, 25e-9, 46)
 
-    def _follow(self, job: Job) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
         resume = job.resume
         words = job.words()
         order, counts = (
@@ -258,7 +313,7 @@ class BKL(EventEngine):
             clock=np.array([job.time, 0.0]),
             counters=np.zeros(4, np.int64),
         )
-        done = self._advanced(job, run, _bkl.advance, ("event", EVENT))
+        done = self._advanced(job, run, _bkl.advance, ramp, ("event", EVENT))
         state = bonded(np.ascontiguousarray(classes.records[:, 0]))
         return job.history(
             state, members=members(classes), counts=classes.counts, **done
@@ -278,7 +333,7 @@ class NextReaction(EventEngine, ThreadedEngine):
     bibtex = (GIBSON,)
     cost = (600e-9, 70e-9, 50)
 
-    def _follow(self, job: Job) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
         n = job.lattice.sites.size
         words = job.words()
         spot = np.zeros((n, 2), np.int32)
@@ -308,7 +363,7 @@ class NextReaction(EventEngine, ThreadedEngine):
             )
             # A patch that is continued sorts its sites anew, so a slice is not much shorter than that takes.
             return _next_reaction.follow(
-                run, first, last, self.superbasins or None, max(SLICE, largest)
+                run, first, last, self.chains(ramp), ramp, max(SLICE, largest)
             )
 
         run_pieces(job, follow, _pieces(starts), self.threads)
@@ -347,7 +402,7 @@ class Independent(KernelEngine, ThreadedEngine):
         """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 100e-9, 60e-9, 25)
 
-    def _follow(self, job: Job) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
         n = job.lattice.sites.size
         times, draws = job.of_sites()
         sites = _independent.IndependentSites(
@@ -364,7 +419,12 @@ class Independent(KernelEngine, ThreadedEngine):
 
         def follow(first: int, last: int, tally: Array) -> int:
             _independent.follow(
-                sites, Holds(job.times, tally), np.empty(5, np.uint64), first, last
+                sites,
+                Holds(job.times, tally),
+                ramp,
+                np.empty(5, np.uint64),
+                first,
+                last,
             )
             return last
 
@@ -456,8 +516,28 @@ class Auto(FlickerEngine, ThreadedEngine):
         seed: Seed,
         start: BondHistory | Array | None,
     ) -> BondHistory:
+        return self._by_choice(
+            lattice, "_run", hold_times, temperature, seed, start
+        )
+
+    def _follow_ramp(
+        self,
+        lattice: ReactionLattice,
+        hold_times: Array,
+        temperature: float,
+        ramp: Ramp,
+        seed: Seed,
+        start: BondHistory | Array | None,
+    ) -> BondHistory:
+        how = hold_times, temperature, ramp, seed, start
+        return self._by_choice(lattice, "_follow_ramp", *how)
+
+    def _by_choice(
+        self, lattice: ReactionLattice, method: str, *arguments: Any
+    ) -> BondHistory:
+        """What a method of the engine of choice gives."""
         engine, reason = self.choose(lattice)
-        history = engine._run(lattice, hold_times, temperature, seed, start)
+        history = getattr(engine, method)(lattice, *arguments)
         note = f"engine auto took {engine.kind}: {reason}"
         return history.model_copy(
             update={"engine": self.kind, "notes": (note, *history.notes)}

@@ -15,14 +15,18 @@ from chemage.plugin import (
     EV_PER_GPA_NM3,
     KB,
     Drive,
+    Followed,
     Partners,
     PullHistory,
     Pulling,
+    Ramp,
     Seed,
+    counters_of,
 )
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import Array, start_words
-from chemage_kinetics._driver import SLICE, Start, bonded
+from chemage_kinetics._common import Ramp as RampBounds
+from chemage_kinetics._driver import SLICE, Start, bonded, parts_of
 from chemage_kinetics._foreseen import flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
 
@@ -75,13 +79,57 @@ class EventDriven(Pulling):
         start: Any,
         partners: Partners | None,
     ) -> PullHistory:
-        job = _Job(
-            self.kind, lattice, times, temperature, seed, start, drive, partners
+        how = lattice, times, temperature, seed, start, drive, partners
+        return self._follow(_Job(self.kind, *how), None)
+
+    def _follow_ramp(
+        self,
+        lattice: ReactionLattice,
+        drive: Drive,
+        times: Array,
+        temperature: float,
+        ramp: Ramp,
+        seed: Seed,
+        start: Any,
+        partners: Partners | None,
+    ) -> PullHistory:
+        """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
+        begin = start.time if isinstance(start, Followed) else 0.0
+        seen: list[PullHistory] = []
+        own = lattice
+        for part in parts_of(lattice, times, begin, temperature, ramp):
+            start, partners = moved(own, part.lattice, start, partners)
+            own = part.lattice
+            how = own, part.times, part.temperature, seed, start, drive, partners
+            start = self._follow(_Job(self.kind, *how), part.ramp)
+            seen.append(start)
+        assert ramp.lattice is not None
+        last, _ = moved(own, ramp.lattice, seen[-1], None)
+        highest = max(seen, key=lambda one: one.peak)
+        named = [
+            name for name, (dims, _, _) in last.arrays.items() if dims == ("time",)
+        ]
+        return last.model_copy(
+            update={
+                name: np.concatenate([getattr(one, name)[:-1] for one in seen])
+                for name in named
+            }
+            | {
+                name: getattr(highest, name)
+                for name in ("peak", "peak_displacement", "peak_time")
+            }
+            | {
+                "temperature": ramp.temperature,
+                # the pending event is one of the last bounds
+                "resume": counters_of(last.resume),
+            }
         )
+
+    def _follow(self, job: _Job, ramp: RampBounds | None) -> PullHistory:
         self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
         run = job.prepared()
         while not run.counts[kernel.DONE]:
-            kernel.advance(run, SLICE)
+            kernel.advance(run, ramp, SLICE)
             done = run.counts[kernel.FORMED] + run.counts[kernel.BROKEN]
             done -= sum(job.counted)
             self._refuse_more(done, job, f"by {run.reals[kernel.HIGH]:.3g} s did")
@@ -95,6 +143,22 @@ class EventDriven(Pulling):
                 "shorter time, from which another pull can go on, at a lower temperature, or with higher barriers, or "
                 "allow more events"
             )
+
+
+def moved(
+    before: ReactionLattice,
+    lattice: ReactionLattice,
+    start: Any,
+    partners: Partners | None,
+) -> tuple[Any, Partners | None]:
+    """The start and the new partners of a pull on a lattice whose barriers differ from those ``before``: partners that
+    sites have met differ by as much."""
+    change = lattice.forming - before.forming
+    if isinstance(start, PullHistory):
+        start = start.model_copy(update={"forming": start.forming + change})
+    if partners is not None:
+        partners = partners._replace(shift=partners.shift + change)
+    return start, partners
 
 
 @dataclass(eq=False)
