@@ -176,7 +176,15 @@ def test_sigterm_ends_a_run_as_ctrl_c_does(small):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("moment", ["making pressure", "halfway", "placing", "placed"])
+@pytest.mark.parametrize(
+    "moment",
+    [
+        pytest.param("making pressure", marks=pytest.mark.campaign),
+        "halfway",
+        "placing",
+        pytest.param("placed", marks=pytest.mark.campaign),
+    ],
+)
 def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
     process = start(f"MOMENT = {moment!r}" + SLOW_WRITES, small.parent)
     wait_for(process, moment)

@@ -49,7 +49,7 @@ OBJECTS = Path(__file__).parents[1] / "benchmarks" / "hostile_objects.py"
 
 @pytest.mark.parametrize(
     ("first", "last"),
-    [(0, 20), pytest.param(20, 120, marks=pytest.mark.long), pytest.param(120, 700, marks=pytest.mark.campaign)],
+    [(0, 10), pytest.param(10, 120, marks=pytest.mark.long), pytest.param(120, 700, marks=pytest.mark.campaign)],
 )
 def test_every_public_function_answers_or_refuses_every_object(first, last, tmp_path):
     command = [sys.executable, str(OBJECTS), str(first), str(last)]

@@ -338,7 +338,9 @@ SHAPES = ((1, 2), (1, 2), (2, 2), (1, 2), (1, 3), (1, 2), (1, 2), (2, 3), (1, 2)
             if kind != "rejection-free"
         ),
         *(
-            pytest.param(kind, range(59, 66), 10**6, marks=pytest.mark.campaign if kind == "bkl" else pytest.mark.long)
+            pytest.param(
+                kind, range(59, 66), 10**6, marks=pytest.mark.long if kind == "next-reaction" else pytest.mark.campaign
+            )
             for kind in PLAIN
             if kind != "auto"
         ),

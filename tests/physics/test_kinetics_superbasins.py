@@ -145,8 +145,16 @@ def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, fl
     return lattice, matrix, temperature
 
 
-@pytest.mark.parametrize("flicker", [pytest.param(40.0, marks=pytest.mark.long), 3000.0])
-@pytest.mark.parametrize("kind", ENGINES)
+@pytest.mark.parametrize(
+    ("kind", "flicker"),
+    [
+        *((kind, 3000.0) for kind in ENGINES),
+        *(
+            pytest.param(kind, 40.0, marks=pytest.mark.campaign if kind == "bkl" else pytest.mark.long)
+            for kind in ENGINES
+        ),
+    ],
+)
 def test_the_acceleration_follows_the_master_equation(kind, flicker):
     lattice, matrix, temperature = trio(flicker, 1.0)
     engine = chemage.engine(kind, superbasins=True)

@@ -385,6 +385,7 @@ def test_the_page_uses_the_five_words_and_no_other():
         assert {line.strip("| ").split(" | ")[-1] for line in table} <= words, title
 
 
+@pytest.mark.long
 def test_the_page_is_what_the_command_writes_of_the_stored_points():
     assert reproduction_page.of_points(DOCS / "reproduction.npz")[1] == (DOCS / "reproduction.md").read_text("utf-8")
 

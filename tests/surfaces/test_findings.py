@@ -212,9 +212,18 @@ def scans():
 
 
 @pytest.mark.parametrize(
-    "strengths", [pytest.param([1], marks=pytest.mark.long), pytest.param([0, 2], marks=pytest.mark.campaign)]
+    ("spoil", "strengths"),
+    [
+        pytest.param(
+            spoil,
+            strengths,
+            marks=pytest.mark.long if strengths == [1] and number % 2 == 0 else pytest.mark.campaign,
+            id=f"{spoil.__name__}-{strengths}",
+        )
+        for number, spoil in enumerate(SPOILED)
+        for strengths in ([1], [0, 2])
+    ],
 )
-@pytest.mark.parametrize("spoil", SPOILED, ids=lambda one: one.__name__)
 def test_no_spoiled_scan_is_wrong_in_silence(spoil, strengths):
     """It is refused, or the artefact is named, or the rms slope of the fit is within twice the half width of its 90 %
     interval."""

@@ -133,6 +133,7 @@ def test_that_beta_cannot_be_told_from_zero_is_said(scene):
     assert any("beta cannot be told from zero" in note for note in found.notes)
 
 
+@pytest.mark.long
 def test_too_many_surfaces_and_too_few_bonds_are_said_before(scene):
     *_, note = planned(scene, accuracy={"beta": 0.001}, most=100).notes
     assert "surfaces (" in note
@@ -166,7 +167,9 @@ def test_what_is_left_out_is_said_with_the_reason(scene):
     assert not any("replicas on each" in one for one in planned(scene, surfaces=30).not_computed())
 
 
-@pytest.mark.parametrize("temperature", [pytest.param(900.0, marks=pytest.mark.long), 150.0])
+@pytest.mark.parametrize(
+    "temperature", [pytest.param(900.0, marks=pytest.mark.campaign), pytest.param(150.0, marks=pytest.mark.long)]
+)
 def test_where_hardly_a_bond_forms_in_the_window_it_is_said_why(temperature):
     """All have formed before the window at 900 K, and none forms before its end at 150 K: β is 0."""
     one = ca.parse_scene({**DATA, "hold": {**DATA["hold"], "temperature": temperature}})

@@ -104,7 +104,7 @@ def trial(seed: int, deviation: float, difference: float | None, skewed: float, 
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("wanted", [0.05, 0.02, 0.01])
+@pytest.mark.parametrize("wanted", [0.05, pytest.param(0.02, marks=pytest.mark.campaign), 0.01])
 @pytest.mark.parametrize(
     ("deviation", "difference", "skewed"),
     [(0.02, None, 0.2), (0.053, None, 0.0), (0.053, 0.006, 0.2), (0.1, 0.006, 0.2)],
@@ -370,7 +370,12 @@ def test_few_samples_take_no_control():
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("correlation", "wanted", "difference"),
-    [(0.975, 0.01, None), (0.975, 0.01, 0.006), (0.9, 0.01, None), (0.95, 0.02, 0.006)],
+    [
+        pytest.param(0.975, 0.01, None, marks=pytest.mark.campaign),
+        (0.975, 0.01, 0.006),
+        (0.9, 0.01, None),
+        pytest.param(0.95, 0.02, 0.006, marks=pytest.mark.campaign),
+    ],
 )
 def test_with_a_control_too_the_interval_holds_the_truth_as_often_as_it_says(correlation, wanted, difference):
     """Of 400 intervals 93 to 98 % hold the truth, give or take three standard errors of such a count."""
