@@ -228,6 +228,26 @@ class PullHistory(Followed):
             **{name: getattr(self, name) for name in names},
         )
 
+    def without(self, lost: np.ndarray) -> Self:
+        """See :meth:`Followed.without`; the energy of these bonds is dissipated, and where no spring pulls, the force
+        falls by theirs."""
+        stretch, kappa = self.stretch * lost, self.drive["bond_stiffness"]
+        energy = 0.5 * kappa * float((stretch**2).sum())
+        rigid = self.drive["spring"] is None
+        force = self.force[-1:] - rigid * kappa * float(stretch.sum())
+        return (
+            super()
+            .without(lost)
+            .model_copy(
+                update={
+                    "force": np.maximum(force, 0.0),
+                    "dissipated": self.dissipated[-1:] + energy,
+                    "stored": np.maximum(self.stored[-1:] - energy, 0.0),
+                    "stretch": self.stretch - stretch,
+                }
+            )
+        )
+
     def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:
         """``lattice``, which was pulled, with the partners that its sites have now."""
         return lattice.model_copy(update={"forming": self.forming})
