@@ -119,20 +119,24 @@ class PullHistory(Followed):
     of_times = "times"
 
     arrays = {
-        "times": (("time",), "s", "time since the contact was made"),
+        "times": (("times",), "s", "time since the contact was made"),
         "displacement": (
-            ("time",),
+            ("times",),
             "nm",
             "of the slider, since it was first pulled",
         ),
-        "force": (("time",), "nN", "of the drive"),
-        "bonds": (("time",), "", "number of bonds"),
-        "formed": (("time",), "", "bonds formed so far"),
-        "broken": (("time",), "", "bonds broken so far"),
-        "work": (("time",), "nN nm", "done by the drive so far"),
-        "dissipated": (("time",), "nN nm", "lost so far where bonds broke"),
-        "rubbed": (("time",), "nN nm", "lost so far to the friction of the slider"),
-        "stored": (("time",), "nN nm", "elastic energy of bonds and spring"),
+        "force": (("times",), "nN", "of the drive"),
+        "bonds": (("times",), "", "number of bonds"),
+        "formed": (("times",), "", "bonds formed so far"),
+        "broken": (("times",), "", "bonds broken so far"),
+        "work": (("times",), "nN nm", "done by the drive so far"),
+        "dissipated": (("times",), "nN nm", "lost so far where bonds broke"),
+        "rubbed": (
+            ("times",),
+            "nN nm",
+            "lost so far to the friction of the slider",
+        ),
+        "stored": (("times",), "nN nm", "elastic energy of bonds and spring"),
         "state": (("site",), "", "whether each site is bonded at the end"),
         "stretch": (
             ("site",),
@@ -151,7 +155,6 @@ class PullHistory(Followed):
             "number of slips in which 2^j to 2^(j+1) bonds broke",
         ),
     }
-    stored_names = {"times": "time"}
 
     times: Doubles
     """(m,) s since the contact was made"""
@@ -199,7 +202,9 @@ class PullHistory(Followed):
     def _check(self) -> Self:
         check_times(self.times)
         for name, (dims, _, _) in self.arrays.items():
-            length = {"time": self.times.size, "site": self.state.size}.get(dims[0])
+            length = {"times": self.times.size, "site": self.state.size}.get(
+                dims[0]
+            )
             values = getattr(self, name)
             if values.ndim != 1 or length not in (None, values.size):
                 raise ValueError(f"{name}: shape {values.shape}; give ({length},)")

@@ -12,12 +12,15 @@ from chemage.plugin import PlottedResult, figures, text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: rows from the top: what is drawn -> label; those that never change are left out
+#: what is drawn of the programme, above what comes of it, where it changes -> label
 CONDITIONS = {
+    "contact_area": "area (nm²)",
     "applied_load": "load (nN)",
-    "held_at": "T (K)",
+    "held_at": "temperature (K)",
     "drive_speed": "speed (nm/s)",
 }
+#: part of a band that is filled
+FILLED = 0.75
 
 
 def time_axis(
@@ -39,48 +42,35 @@ def time_axis(
 
 
 def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
-    """Draw each result into rows within ``axes``."""
-    there = [
-        one
-        for one in results
-        if one.aging is not None and "drive_speed" in one.aging.observables
-    ]
-    if not there:
-        return
-    assert there[0].aging is not None
-    first = there[0].aging.observables
-    names = [name for name in CONDITIONS if np.ptp(first[name]) > 0]
-    below = ["force (nN)"] if there[0].aging.rupture_force is not None else []
-    rows = [*(CONDITIONS[name] for name in names), *below, "bonds", "area (nm²)"]
-    heights = [1.0] * len(names) + [2.0] * (len(below) + 1) + [1.0]
-    tops = 1 - np.cumsum(heights) / sum(heights)
-    axes.axis("off")
-    for row, label in enumerate(rows):
-        height = 0.9 * heights[row] / sum(heights)
-        plot = axes.inset_axes((0.0, float(tops[row]), 1.0, height))
-        for one in there:
-            assert one.aging is not None
-            seen = one.aging.observables
-            places, begins = time_axis(one.aging.hold_times, seen["drive_speed"][0])
-            values = {
-                "force (nN)": one.aging.rupture_force,
-                "bonds": one.aging.bonds,
-                "area (nm²)": seen["contact_area"],
-            }.get(label)
-            if values is None:
-                values = seen[names[row]]
-            plot.plot(
-                places,
-                values.mean(axis=0),
-                color=one.color,
-                lw=1.2,
-                label=one.label,
-            )
-            ticks = [text.power_text(float(time)) for time in begins]
-            last = row == len(rows) - 1
-            plot.set_xticks(range(len(begins)), ticks if last else [])
-        plot.set_ylabel(label)
-        if row == 0 and len(there) > 1:
-            figures.legend(plot)
-        if row == len(rows) - 1:
-            plot.set_xlabel("time (s); logarithmic within holds")
+    """Draw each result in bands above each other, each from its least to its largest value."""
+    bands: dict[str, list[tuple[PlottedResult, np.ndarray, np.ndarray]]] = {}
+    ticks: dict[float, str] = {}
+    for one in results:
+        if (aging := one.aging) is None:
+            continue
+        still = np.zeros((1, aging.hold_times.size))
+        speed = aging.observables.get("drive_speed", still)
+        places, begins = time_axis(aging.hold_times, speed[0])
+        ticks = {k: text.power_text(float(time)) for k, time in enumerate(begins)}
+        curves = {"bonds": aging.bonds, "force (nN)": aging.friction_drop}
+        curves |= {
+            label: aging.observables[name]
+            for name, label in CONDITIONS.items()
+            if np.ptp(aging.observables.get(name, still)) > 0
+        }
+        for label, values in curves.items():
+            bands.setdefault(label, []).append((one, places, values.mean(axis=0)))
+    for bottom, (label, drawn) in enumerate(bands.items()):
+        low = min(float(values.min()) for _, _, values in drawn)
+        high = max(float(values.max()) for _, _, values in drawn)
+        for one, places, values in drawn:
+            height = FILLED * (values - low) / ((high - low) or 1.0)
+            name = one.label if bottom == 0 and len(results) > 1 else None
+            axes.plot(places, bottom + height, color=one.color, lw=1.2, label=name)
+        words = f"{label}: {low:.3g} to {high:.3g}"
+        axes.text(0.0, bottom + FILLED, words, va="bottom", fontsize="small")
+    axes.set_yticks([])
+    axes.set_xticks([*ticks], [*ticks.values()])
+    axes.set(xlabel="time (s), logarithmic within holds", ylim=(-0.05, len(bands)))
+    if len(results) > 1:
+        figures.legend(axes)

@@ -186,8 +186,8 @@ class StepOutcome:
         """Mean force over the last quarter of the step, nN; at rest that at its end."""
         if not isinstance(self.history, PullHistory) or not self.segment.speed:
             return float(self.force[-1])
-        first = -max(2, round(LAST * self.force.size))
         work, times = self.history.work, self.segment.times
+        first = -1 - max(1, round(LAST * (work.size - 1)))
         way = self.segment.speed * (times[-1] - times[first])
         return float((work[-1] - work[first]) / way)
 
