@@ -183,18 +183,16 @@ class AgeingRequest:
         make: Callable[[], R],
         *,
         key: Any,
-        hook: str,
-        **call: Any,
     ) -> R:
         """What ``make`` gives, of this ``kind``; with checkpoints from the file ``name``, where it was kept under an
-        equal ``key``. ``hook`` makes it, called with ``call``."""
+        equal ``key`` and the same plugins."""
         if self.checkpoints is None:
             return make()
         path, content = self.checkpoints / f"{name}.h5", content_hash(key)
         how: dict[str, Any] = {"run": self._key, "before": self.contact.plugins}
-        how["hooks"] = (hook,)
+        how["hooks"] = ("chemage_run_kinetics", "chemage_pull_bonds")
         other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
-        record = resumed(path, "history", kind, content, other, **how, **call)
+        record = resumed(path, "history", kind, content, other, **how)
         if record is None:
             record = make()
             keep(path, "history", record, content, **how)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,13 +26,27 @@ from chemage_history.steps import Protocol, Segment, Slider, StepOutcome, segmen
 
 #: forming barrier of a site that is not in contact, eV: it forms no bond at any temperature
 ABSENT = 1000.0
-#: the same of each step, (step,)
+#: what is kept of each step -> unit and meaning
 OF_STEPS = {
-    "step_peak": ("peak", "nN", "largest force of the drive in each step"),
-    "step_peak_at": ("peak_at", "nm", "way of the slider in each step to there"),
-    "step_work": ("work", "nN nm", "work of the drive in each step"),
-    "step_lost": ("lost", "", "bonds lost as the load changed"),
+    "peak": ("nN", "largest force of the drive in each step"),
+    "peak_at": ("nm", "way of the slider in each step to there"),
+    "work": ("nN nm", "work of the drive in each step"),
+    "lost": ("", "bonds lost as the load changed"),
 }
+
+
+class _Replica(NamedTuple):
+    """What is kept of a replica."""
+
+    #: by name, with the curves of bonds, force and slider
+    values: dict[str, Any]
+    #: of those that are observables
+    outputs: dict[str, Output]
+    sites: int
+    engine: str
+    notes: tuple[str, ...]
+    plugins: dict[str, str]
+    approximate: list[dict[str, Any]]
 
 
 def state_of(
@@ -132,10 +146,14 @@ class Programme(AgeingMethod):
         """(m,) s, of all steps."""
         return np.concatenate([one.times for one in self.segments])
 
+    @property
+    def driven(self) -> bool:
+        """Whether any step has a speed."""
+        return any(one.speed for one in self.segments)
+
     def check_sections(self, parts: Mapping[str, Any]) -> None:
         """Refuse steps that are not complete, and a scene whose sections contradict them."""
-        driven = any(one.speed for one in self.segments)
-        if driven and parts["chemistry"].breaking is None:
+        if self.driven and parts["chemistry"].breaking is None:
             raise InputError("bonds last, so that nothing slides; give [breaking]")
 
     def contacts(self, request: AgeingRequest) -> list[ContactSolution]:
@@ -169,41 +187,32 @@ class Programme(AgeingMethod):
             raise InputError("hold_times: are not those of the steps; give times()")
         contacts = self.contacts(request)
         replicas = request.each(lambda n: self._replica(request, n, contacts))
-        every, sites, plugins, approximate, notes = zip(*replicas, strict=True)
-
-        def curves(name: str) -> np.ndarray:
-            joined = [[getattr(one, name) for one in steps] for steps in every]
-            return np.stack([np.concatenate(parts) for parts in joined])
-
-        ends = [steps[-1].history for steps in every]
-        values, outputs = self._recorded(every, contacts, curves)
-        driven = any(one.speed for one in self.segments)
-        return AgedBonds(
-            bonds=curves("bonds"),
-            sites=np.array(sites),
-            events=np.array([end.formed[-1] + end.broken[-1] for end in ends]),
-            rupture_force=curves("force") if driven else None,
-            observables=values,
-            outputs=outputs,
-            notes=(*notes[0], *self._notes(contacts)),
-            engine=every[0][0].history.engine,
-            plugins={name: one for each in plugins for name, one in each.items()},
-            approximate=[entry for each in approximate for entry in each],
-        )
-
-    def _notes(self, contacts: Sequence[ContactSolution]) -> list[str]:
         notes = []
-        if any(one.speed for one in self.segments):
-            notes.append(
-                "friction is the force of the drive, not a drop after a hold"
-            )
+        if self.driven:
+            notes.append("friction is the force of the drive, not a drop by a hold")
         if len({contact.load for contact in contacts}) > 1:
             notes.append("friction coefficients are over the load of the scene")
-        return notes
+
+        def stacked(name: str) -> np.ndarray:
+            return np.stack([one.values[name] for one in replicas])
+
+        first = replicas[0]
+        return AgedBonds(
+            bonds=stacked("bonds"),
+            sites=np.array([one.sites for one in replicas]),
+            events=stacked("events"),
+            rupture_force=stacked("force") if self.driven else None,
+            observables={name: stacked(name) for name in first.outputs},
+            outputs=first.outputs,
+            notes=(*first.notes, *notes),
+            engine=first.engine,
+            plugins={k: v for one in replicas for k, v in one.plugins.items()},
+            approximate=[entry for one in replicas for entry in one.approximate],
+        )
 
     def _replica(
         self, request: AgeingRequest, number: int, contacts: list[ContactSolution]
-    ) -> tuple[Any, ...]:
+    ) -> _Replica:
         seeds = request.seeds(number)
         different = {id(contact): contact for contact in contacts}
         built = [
@@ -211,125 +220,95 @@ class Programme(AgeingMethod):
             for contact in different.values()
         ]
         lattices = dict(zip(different, on_all_sites(built), strict=True))
-        state, before, steps = None, None, []
-        for segment, contact in zip(self.segments, contacts, strict=True):
+        state, before, steps = None, built[0], []
+        for k, (segment, contact) in enumerate(
+            zip(self.segments, contacts, strict=True)
+        ):
             lattice, lost = lattices[id(contact)], 0
-            if state is not None and before is not None and lattice is not before:
-                changed = state_of(state, before, lattice)
-                lost = int(changed.broken[-1] - state.broken[-1])
-                state = changed
-            state = self._step(
-                request, seeds.noise, number, len(steps), contact, lattice, state
+            if state is not None and lattice is not before:
+                state, broken = state_of(state, before, lattice), state.broken[-1]
+                lost = int(state.broken[-1] - broken)
+            pulled = segment.speed or isinstance(state, PullHistory)
+            state = request.kept(
+                f"replica-{number:05d}-step-{k:03d}",
+                PullHistory if pulled else BondHistory,
+                partial(
+                    follow,
+                    segment,
+                    lattice,
+                    state,
+                    request.engine,
+                    self.drive,
+                    temperature=segment.temperature or request.temperature,
+                    seed=seeds.noise,
+                    contact=contact,
+                    chemistry=request.chemistry,
+                ),
+                key=[self.todict(), lattice.digest()],
             )
             before = lattice
-            steps.append(StepOutcome(segment, state, lost))
-        parts = [*built, *(step.history for step in steps)]
-        notes = [note for step in steps for note in step.history.notes]
-        return (
-            steps,
-            next(iter(lattices.values())).sites.size,
-            {name: one for part in parts for name, one in part.plugins.items()},
-            [entry for part in parts for entry in part.approximate],
-            dict.fromkeys(notes),
+            # what is pending fills the memory
+            seen = state.model_copy(update={"resume": {}})
+            steps.append(StepOutcome(segment, seen, lost))
+        return self._measured(
+            steps, contacts, [*built, *(o.history for o in steps)]
         )
 
-    def _step(
+    def _measured(
         self,
-        request: AgeingRequest,
-        seed: Any,
-        replica: int,
-        number: int,
-        contact: ContactSolution,
-        lattice: ReactionLattice,
-        state: BondHistory | PullHistory | None,
-    ) -> BondHistory | PullHistory:
-        """One step of a replica, from the checkpoints where it is kept there."""
-        segment = self.segments[number]
-        how: dict[str, Any] = {
-            "temperature": segment.temperature or request.temperature,
-            "seed": seed,
-            "contact": contact,
-            "chemistry": request.chemistry,
-        }
-
-        def make() -> BondHistory | PullHistory:
-            return follow(
-                segment, lattice, state, request.engine, self.drive, **how
-            )
-
-        kind, call = (
-            BondHistory,
-            {"engine": request.engine, "hold_times": segment.times},
-        )
-        hook = "chemage_run_kinetics"
-        if segment.speed or isinstance(state, PullHistory):
-            assert self.drive is not None
-            kind, hook = PullHistory, "chemage_pull_bonds"
-            drive = self.drive.at(segment.speed, segment.spring)
-            call = {
-                "engine": self.drive.engine,
-                "drive": drive,
-                "times": segment.times,
-                "partners": None,
-            }
-        return request.kept(
-            f"replica-{replica:05d}-step-{number:03d}",
-            kind,
-            make,
-            key=[self.todict(), lattice.digest()],
-            hook=hook,
-            lattice=lattice,
-            start=state,
-            **call,
-            **how,
-        )
-
-    def _recorded(
-        self,
-        every: Sequence[Sequence[StepOutcome]],
+        steps: Sequence[StepOutcome],
         contacts: Sequence[ContactSolution],
-        curves: Any,
-    ) -> tuple[dict[str, np.ndarray], dict[str, Output]]:
-        """What is kept of the replicas beside the bonds."""
+        made: Sequence[Any],
+    ) -> _Replica:
+        """What is kept of a replica, whose lattices and histories were ``made``."""
         values: dict[str, np.ndarray] = {}
         outputs: dict[str, Output] = {}
 
-        def keep(name: str, array: Any, dims: Any, unit: str, words: str) -> None:
-            values[name] = np.asarray(array)
-            outputs[name] = Output(dims, unit, words)
+        def keep(name: str, array: Any, unit: str, words: str, *dims: str) -> None:
+            values[name], outputs[name] = (
+                np.asarray(array),
+                Output(dims, unit, words),
+            )
 
         sizes = [one.times.size for one in self.segments]
-        conditions = {
-            "applied_load": ("nN", "load", [one.load for one in contacts]),
-            "contact_area": ("nm2", "contact area", [one.area for one in contacts]),
-            "held_at": ("K", "temperature", self._temperatures(every)),
-            "drive_speed": ("nm/s", "speed of the drive", [one.speed for one in self.segments]),
-        }  # fmt: skip
-        for name, (unit, words, of_steps) in conditions.items():
+        for name, of_steps, unit, words in (
+            ("applied_load", [one.load for one in contacts], "nN", "load"),
+            ("contact_area", [one.area for one in contacts], "nm2", "contact area"),
+            ("held_at", [one.history.temperature for one in steps], "K", "temperature"),
+            ("drive_speed", [one.speed for one in self.segments], "nm/s", "speed of the drive"),
+        ):  # fmt: skip
             curve = np.repeat(np.array(of_steps, np.float64), sizes)
-            keep(name, [curve] * len(every), "hold_time", unit, words)
-        driven = any(one.speed for one in self.segments)
-        if driven:
-            keep("slider", curves("slider"), "hold_time", "nm", "way of the slider")
-        for name, (attribute, unit, words) in OF_STEPS.items():
-            if driven or attribute == "lost":
-                array = [
-                    [getattr(one, attribute) for one in steps] for steps in every
-                ]
-                keep(name, array, "step", unit, words)
-        measured = [self.protocol.measure(steps) for steps in every]
-        for name, output in self.protocol.measures.items():
-            values[name] = np.array([one[name] for one in measured], np.float64)
-            outputs[name] = output
-        return values, outputs
-
-    def _temperatures(self, every: Sequence[Sequence[StepOutcome]]) -> list[float]:
-        return [step.history.temperature for step in every[0]]
+            keep(name, curve, unit, words, "hold_time")
+        curves = {
+            name: np.concatenate([getattr(one, name) for one in steps])
+            for name in ("bonds", "force", "slider")
+        }
+        if self.driven:
+            keep("slider", curves["slider"], "nm", "way of the slider", "hold_time")
+        for name, (unit, words) in OF_STEPS.items():
+            if self.driven or name == "lost":
+                array = [getattr(one, name) for one in steps]
+                keep(f"step_{name}", array, unit, words, "step")
+        for name, value, unit, words in self.protocol.measure(steps):
+            keep(name, np.float64(value), unit, words)
+        end, notes = (
+            steps[-1].history,
+            [n for one in steps for n in one.history.notes],
+        )
+        return _Replica(
+            values | curves | {"events": end.formed[-1] + end.broken[-1]},
+            outputs,
+            end.state.size,
+            steps[0].history.engine,
+            tuple(dict.fromkeys(notes)),
+            {name: source for one in made for name, source in one.plugins.items()},
+            [entry for one in made for entry in one.approximate],
+        )
 
     def expected(
         self, sites: float, kinetics: Mapping[str, float], replicas: int
     ) -> dict[str, float]:
-        """See :meth:`chemage.plugin.AgeingMethod.expected`: of the rests, as if all were one."""
+        """See :meth:`chemage.plugin.AgeingMethod.expected`: as of one rest."""
         return {
             name: value * (1 if name == "bytes" else replicas)
             for name, value in kinetics.items()

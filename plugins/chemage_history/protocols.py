@@ -2,88 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from chemage.plugin import Length, Output, Temperature, Time, Unit
-from chemage_history.steps import HistoryStep, Protocol, StepOutcome
+from chemage import InputError
+from chemage.plugin import Length, Temperature, Time, Unit
+from chemage_history.steps import HistoryStep, Measure, Protocol, StepOutcome
 
 #: a speed at which something moves
 Moving = Annotated[Any, Unit("nm/s", gt=0)]
 
 
-def numbered(
-    outputs: Mapping[str, Output], numbers: Sequence[int]
-) -> dict[str, Output]:
-    """Outputs of several steps, by name and number of the step."""
-    return {
-        f"{name}_{number}": Output(
-            (), output.unit, f"{output.description} {number}"
-        )
-        for number in numbers
-        for name, output in outputs.items()
-    }
-
-
 class Steps(Protocol):
-    """The steps that ``[[step]]`` lists; each measures its bonds, and its friction where it is driven."""
+    """The steps that ``[[step]]`` lists: the bonds of each, and of each with slip peak, steady friction and work."""
 
     kind = "steps"
-    of_rest: ClassVar = {"bonds": Output((), "", "bonds at the end of step")}
-    of_slip: ClassVar = {
-        "peak": Output((), "nN", "largest force in step"),
-        "steady": Output((), "nN", "mean force over the last quarter of step"),
-        "work": Output((), "nN nm", "work of the drive in step"),
-    }
 
     step: tuple[HistoryStep, ...] = Field(min_length=1)
     """the steps in their order"""
 
     def expand(self) -> Sequence[HistoryStep]:
-        """Itself."""
+        """See :meth:`Protocol.expand`."""
         return self.step
 
-    def _driven(self) -> list[int]:
-        speed, driven = None, []
-        for number, step in enumerate(self.step):
-            speed = speed if step.speed is None else step.speed
-            if speed or (step.distance is not None):
-                driven.append(number)
-        return driven
-
-    @property
-    def measures(self) -> Mapping[str, Output]:
-        every = range(len(self.step))
-        return numbered(self.of_rest, every) | numbered(
-            self.of_slip, self._driven()
-        )
-
-    def measure(self, steps: Sequence[StepOutcome]) -> Mapping[str, float]:
-        """Bonds, and of driven steps peak, steady friction and work."""
-        found = {f"bonds_{k}": float(one.bonds[-1]) for k, one in enumerate(steps)}
-        for number in self._driven():
-            for name in self.of_slip:
-                found[f"{name}_{number}"] = getattr(steps[number], name)
-        return found
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, one in enumerate(steps):
+            yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of step {k}"
+            if one.segment.speed:
+                yield f"peak_{k}", one.peak, "nN", f"largest force in step {k}"
+                yield (
+                    f"steady_{k}",
+                    one.steady,
+                    "nN",
+                    f"steady friction in step {k}",
+                )
+                yield f"work_{k}", one.work, "nN nm", f"work in step {k}"
 
 
 class SlideHoldSlide(Protocol):
-    """Sliding, and after every hold with the drive at rest sliding again."""
+    """Sliding, and after every hold with the drive at rest sliding again: relaxation, peak, and healing, which is the
+    peak over the steady friction before the hold."""
 
     kind = "slide-hold-slide"
-    of_hold: ClassVar = {
-        "static": Output((), "nN", "largest force of sliding after hold"),
-        "healing": Output((), "nN", "that over the steady friction, hold"),
-        "relaxation": Output((), "nN", "fall of the force in hold"),
-    }
-    of_all: ClassVar = {
-        "steady": Output((), "nN", "steady friction before the first hold"),
-        "healing_rate": Output((), "nN", "healing per decade of hold time"),
-    }
 
     speed: Moving
     """of the drive, nm/s"""
@@ -95,55 +60,41 @@ class SlideHoldSlide(Protocol):
     """times that are recorded of each slide; default: 100"""
 
     def expand(self) -> Sequence[HistoryStep]:
-        """Slide, hold, slide, hold, slide …"""
+        """See :meth:`Protocol.expand`."""
         slide = HistoryStep(
             speed=self.speed, distance=self.distance, points=self.points
         )
         rests = (HistoryStep(speed=0.0, duration=hold) for hold in self.holds)
         return [slide, *(step for rest in rests for step in (rest, slide))]
 
-    @property
-    def measures(self) -> Mapping[str, Output]:
-        outputs = numbered(self.of_hold, range(len(self.holds)))
-        several = len({*self.holds} - {0.0}) > 1
-        return {
-            name: self.of_all[name] for name in [*self.of_all][: 1 + several]
-        } | (outputs)
-
-    def measure(self, steps: Sequence[StepOutcome]) -> Mapping[str, float]:
-        """Steady friction; relaxation, peak and healing of every hold; and the slope of the healing against log10 of
-        the hold time."""
-        slides, rests = steps[::2], steps[1::2]
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        yield (
+            "steady",
+            steps[0].steady,
+            "nN",
+            "steady friction before the first hold",
+        )
         healing = []
-        found = {"steady": slides[0].steady}
-        for number, (before, after) in enumerate(pairwise(slides)):
-            rest = rests[number]
+        for k, hold in enumerate(self.holds):
+            before, rest, after = steps[2 * k : 2 * k + 3]
             healing.append(after.peak - before.steady)
-            found |= {
-                f"static_{number}": after.peak,
-                f"healing_{number}": healing[-1],
-                f"relaxation_{number}": float(rest.force[0] - rest.force[-1]),
-            }
-        if "healing_rate" in self.measures:
-            held = np.array(self.holds)
-            decades = np.log10(held[held > 0])
-            decades -= decades.mean()
-            rise = np.array(healing)[held > 0]
-            found["healing_rate"] = float(decades @ rise / (decades @ decades))
-        return found
+            fall, of = rest.force[0] - rest.force[-1], f"hold of {hold:g} s"
+            yield f"relaxation_{k}", fall, "nN", f"fall of the force in the {of}"
+            yield f"static_{k}", after.peak, "nN", f"largest force after the {of}"
+            yield f"healing_{k}", healing[-1], "nN", f"its rise by the {of}"
+        held = np.array(self.holds) > 0
+        if np.unique(np.array(self.holds)[held]).size > 1:
+            decades = np.log10(np.array(self.holds)[held])
+            slope = np.polyfit(decades, np.array(healing)[held], 1)[0]
+            yield "healing_rate", slope, "nN", "healing per decade of hold time"
 
 
 class VelocitySteps(Protocol):
-    """Sliding at one speed after the other."""
+    """Sliding at one speed after the other: steady friction, and the transient above it where the speed rises, else
+    below it."""
 
     kind = "velocity-steps"
-    of_speed: ClassVar = {"steady": Output((), "nN", "steady friction, speed")}
-    of_change: ClassVar = {
-        "change": Output((), "nN", "change of the steady friction to speed"),
-        "transient": Output(
-            (), "nN", "extreme force less the steady friction, speed"
-        ),
-    }
 
     speeds: tuple[Moving, ...] = Field(min_length=1)
     """of the drive, nm/s"""
@@ -153,81 +104,66 @@ class VelocitySteps(Protocol):
     """times that are recorded of each speed; default: 100"""
 
     def expand(self) -> Sequence[HistoryStep]:
-        """One step for each speed."""
-        return [
-            HistoryStep(speed=speed, distance=self.distance, points=self.points)
-            for speed in self.speeds
-        ]
+        """See :meth:`Protocol.expand`."""
+        same: dict[str, Any] = {"distance": self.distance, "points": self.points}
+        return [HistoryStep(speed=speed, **same) for speed in self.speeds]
 
-    @property
-    def measures(self) -> Mapping[str, Output]:
-        every = range(len(self.speeds))
-        return numbered(self.of_speed, every) | numbered(self.of_change, every[1:])
-
-    def measure(self, steps: Sequence[StepOutcome]) -> Mapping[str, float]:
-        """Steady friction, its changes, and transients: above the new one where the speed rises, else below it."""
-        found = {f"steady_{k}": one.steady for k, one in enumerate(steps)}
-        for number, (before, after) in enumerate(pairwise(steps), 1):
-            up = after.segment.speed >= before.segment.speed
-            extreme = after.peak if up else float(after.force.min())
-            found[f"change_{number}"] = after.steady - before.steady
-            found[f"transient_{number}"] = extreme - after.steady
-        return found
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, (one, v) in enumerate(zip(steps, self.speeds, strict=True)):
+            yield f"steady_{k}", one.steady, "nN", f"steady friction at {v:g} nm/s"
+        for k, (old, new) in enumerate(pairwise(steps), 1):
+            up = self.speeds[k] >= self.speeds[k - 1]
+            extreme = new.peak if up else new.force.min()
+            at = f"at change {k} of the speed"
+            yield f"transient_{k}", extreme - new.steady, "nN", f"transient {at}"
+            yield (
+                f"change_{k}",
+                new.steady - old.steady,
+                "nN",
+                f"steady change {at}",
+            )
 
 
 class LoadSteps(Protocol):
-    """Rest under one load after the other, as in experiments on the memory of a contact."""
+    """Rest under one load after the other, as in experiments on the memory of a contact: how many bonds are lost after
+    each change before their number grows, and until when."""
 
     kind = "load-steps"
-    of_load: ClassVar = {
-        "bonds": Output((), "", "bonds at the end of load"),
-        "dip": Output((), "", "bonds that are lost again before they grow, load"),
-        "dip_time": Output((), "s", "when there are the fewest, load"),
-    }
 
     loads: tuple[float | str, ...] = Field(min_length=1)
     """forces (nN) or nominal pressures"""
     durations: tuple[Time, ...] = Field(min_length=1)
-    """time under each, s; one: the same for all"""
+    """time under each, s"""
     points: int = Field(default=20, ge=1, le=100_000)
     """times that are recorded of each, as in a step; default: 20"""
 
     def expand(self) -> Sequence[HistoryStep]:
-        """One step for each load."""
-        spans = self.durations * (
-            len(self.loads) if len(self.durations) == 1 else 1
-        )
+        """See :meth:`Protocol.expand`."""
+        if len(self.durations) != len(self.loads):
+            raise InputError(
+                f"durations: {len(self.durations)} for {len(self.loads)} loads"
+            )
         return [
             HistoryStep(load=load, duration=span, points=self.points)
-            for load, span in zip(self.loads, spans, strict=True)
+            for load, span in zip(self.loads, self.durations, strict=True)
         ]
 
-    @property
-    def measures(self) -> Mapping[str, Output]:
-        return numbered(self.of_load, range(len(self.loads)))
-
-    def measure(self, steps: Sequence[StepOutcome]) -> Mapping[str, float]:
-        """Bonds, and how far and until when they fall after the change of the load."""
-        found: dict[str, float] = {}
-        for number, one in enumerate(steps):
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, one in enumerate(steps):
             least = int(np.argmin(one.bonds))
             passed = one.segment.times[least] - one.segment.times[0]
-            found |= {
-                f"bonds_{number}": float(one.bonds[-1]),
-                f"dip_{number}": float(one.bonds[0] - one.bonds[least]),
-                f"dip_time_{number}": float(passed),
-            }
-        return found
+            dip = one.bonds[0] - one.bonds[least]
+            yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of load {k}"
+            yield f"dip_{k}", dip, "", f"bonds lost first under load {k}"
+            yield f"dip_time_{k}", passed, "s", f"when there are fewest, load {k}"
 
 
 class Heating(Protocol):
-    """Rest at one temperature after the other."""
+    """Rest at one temperature after the other: the bonds at the end of each, and how many more than before it."""
 
     kind = "heating"
-    of_each: ClassVar = {"bonds": Output((), "", "bonds at the end of temperature")}
-    of_change: ClassVar = {
-        "change": Output((), "", "bonds gained in all at temperature")
-    }
 
     temperatures: tuple[Temperature, ...] = Field(min_length=1)
     """K"""
@@ -237,23 +173,17 @@ class Heating(Protocol):
     """times that are recorded of each, as in a step; default: 20"""
 
     def expand(self) -> Sequence[HistoryStep]:
-        """One step for each temperature."""
+        """See :meth:`Protocol.expand`."""
+        same: dict[str, Any] = {"duration": self.duration, "points": self.points}
         return [
-            HistoryStep(
-                temperature=kelvin, duration=self.duration, points=self.points
-            )
-            for kelvin in self.temperatures
+            HistoryStep(temperature=kelvin, **same) for kelvin in self.temperatures
         ]
 
-    @property
-    def measures(self) -> Mapping[str, Output]:
-        every = range(len(self.temperatures))
-        return numbered(self.of_each, every) | numbered(self.of_change, every)
-
-    def measure(self, steps: Sequence[StepOutcome]) -> Mapping[str, float]:
-        """Bonds at the end of each temperature, and how many more than at its beginning."""
-        ends = {f"bonds_{k}": float(one.bonds[-1]) for k, one in enumerate(steps)}
-        return ends | {
-            f"change_{k}": float(one.bonds[-1] - one.bonds[0])
-            for k, one in enumerate(steps)
-        }
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, (one, kelvin) in enumerate(
+            zip(steps, self.temperatures, strict=True)
+        ):
+            end, at = one.bonds[-1], f"at {kelvin:g} K"
+            yield f"bonds_{k}", end, "", f"bonds at the end {at}"
+            yield f"change_{k}", end - one.bonds[0], "", f"bonds gained {at}"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -31,9 +31,9 @@ from chemage.plugin import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from chemage.plugin import Output
-
 Speed = Annotated[Any, Unit("nm/s", ge=0)]
+#: name, value, unit and meaning of a number
+Measure: TypeAlias = tuple[str, float, str, str]
 Stiffness = Annotated[Any, Unit("nN/nm", ge=0, words=("rigid",))]
 #: times of a rest that are recorded, per decade
 PER_DECADE = 5
@@ -212,14 +212,9 @@ class Protocol(Component, ABC):
     def expand(self) -> Sequence[HistoryStep]:
         """The steps, one at least."""
 
-    @property
-    def measures(self) -> Mapping[str, Output]:
-        """What :meth:`measure` gives: names of single numbers -> unit and meaning."""
-        return {}
-
-    def measure(self, steps: Sequence[StepOutcome]) -> Mapping[str, float]:
-        """What one replica gives, from what it did in each step; just :attr:`measures`."""
-        return {}
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterable[Measure]:
+        """What one replica measures, from what it did in each step; of every replica the same names."""
+        return ()
 
     def draw(
         self, figure: str, axes: Axes, results: Sequence[PlottedResult]

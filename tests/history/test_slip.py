@@ -287,9 +287,10 @@ def test_a_scene_of_steps_is_stored_resumed_swept_and_drawn(tmp_path, monkeypatc
     ],
 )
 def test_what_is_wrong_with_a_scene_of_steps(changes, said):
+    data = {**scene(step=STEPS).todict(), **changes}
+    data = {name: section for name, section in data.items() if section is not None}
     with pytest.raises(ca.plugin.SceneError, match=said):
-        data = {**scene(step=STEPS).todict(), **changes}
-        ca.parse_scene({name: section for name, section in data.items() if section is not None})
+        ca.parse_scene(data)
 
 
 def test_protocols_expand_into_steps_and_say_what_they_measure():
