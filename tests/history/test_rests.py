@@ -232,7 +232,7 @@ def test_what_cannot_be_is_refused():
         list(segments([HistoryStep(duration=1.0), HistoryStep(load=3.0)], None))
     with pytest.raises(InputError, match=r"step 0: a speed needs \[drive\]"):
         list(segments([HistoryStep(duration=1.0, speed=3.0)], None))
-    programme = Programme(protocol={"kind": "load-steps", "loads": [50, 100], "durations": [1]})
+    programme = Programme(protocol={"kind": "load-steps", "loads": [50, 100], "durations": [1, 1]})
     with pytest.raises(InputError, match="give the surface and the solver"):
         ca.age(
             Rows().solve(FLAT, 10.0), independent(), engine=ca.engine("auto"), hold_times=programme.times(),
