@@ -1,4 +1,4 @@
-"""Contacts with a history: holds, slip, loads and temperatures one after the other; docs/histories.md."""
+"""Contacts with a history: holds, slip, loads and temperatures one after the other; docs/pulling.md."""
 
 from __future__ import annotations
 
@@ -43,3 +43,9 @@ __getattr__ = lazy_attributes(
 def chemage_register() -> dict[str, dict[str, str]]:
     """The protocols of this package."""
     return KINDS
+
+
+@hookimpl
+def chemage_scenes() -> dict[str, str]:
+    """The scene of this package."""
+    return {"silica-history": "chemage_history:scenes/silica-history.toml"}
