@@ -26,23 +26,25 @@ from chemage_history.steps import Protocol, Segment, Slider, StepOutcome, segmen
 
 #: forming barrier of a site that is not in contact, eV: it forms no bond at any temperature
 ABSENT = 1000.0
-#: what is kept of each step -> unit and meaning
-OF_STEPS = {
-    "peak": ("nN", "largest force of the drive in each step"),
-    "peak_at": ("nm", "way of the slider in each step to there"),
-    "work": ("nN nm", "work of the drive in each step"),
-    "lost": ("", "bonds lost as the load changed"),
+#: what is kept beside the bonds, and what the protocol measures
+OUTPUTS = {
+    "slider": Output("hold_time", "nm", "way of the slider"),
+    "step_points": Output("step", "", "times that are recorded of each step"),
+    "step_load": Output("step", "nN", "load in each step"),
+    "step_area": Output("step", "nm2", "contact area in each step"),
+    "step_temperature": Output("step", "K", "temperature in each step"),
+    "step_speed": Output("step", "nm/s", "speed of the drive in each step"),
+    "step_peak": Output("step", "nN", "largest force of the drive in each step"),
+    "step_peak_at": Output("step", "nm", "way of the slider in each step to there"),
+    "step_work": Output("step", "nN nm", "work of the drive in each step"),
+    "step_lost": Output("step", "", "bonds lost as the load changed"),
 }
 
 
 class _Replica(NamedTuple):
     """What is kept of a replica."""
 
-    #: by name, with the curves of bonds, force and slider
     values: dict[str, Any]
-    #: of those that are observables
-    outputs: dict[str, Output]
-    sites: int
     engine: str
     notes: tuple[str, ...]
     plugins: dict[str, str]
@@ -81,8 +83,8 @@ def follow(
     assert drive is not None
     # every step is a pull of its own, with its own peak
     start = state.handed_on() if isinstance(state, PullHistory) else state
-    moved = drive.at(segment.speed, segment.spring)
-    return pull(drive.engine, lattice, moved, segment.times, start=start, **how)
+    at = drive.at(segment)
+    return pull(drive.engine, lattice, at, segment.times, start=start, **how)
 
 
 def on_all_sites(lattices: Sequence[ReactionLattice]) -> list[ReactionLattice]:
@@ -140,7 +142,10 @@ class Programme(AgeingMethod):
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
         """The steps with all their conditions."""
-        return tuple(segments(self.protocol.expand(), self.drive))
+        found = tuple(segments(self.protocol.expand()))
+        if self.drive is None and any(one.speed for one in found):
+            raise InputError("a speed needs [drive], which says how bonds yield")
+        return found
 
     def times(self) -> np.ndarray:
         """(m,) s, of all steps."""
@@ -196,14 +201,17 @@ class Programme(AgeingMethod):
         def stacked(name: str) -> np.ndarray:
             return np.stack([one.values[name] for one in replicas])
 
+        outputs = {**OUTPUTS, **self.protocol.outputs}
+        if not self.driven:
+            del outputs["slider"]
         first = replicas[0]
         return AgedBonds(
             bonds=stacked("bonds"),
-            sites=np.array([one.sites for one in replicas]),
+            sites=stacked("sites"),
             events=stacked("events"),
             rupture_force=stacked("force") if self.driven else None,
-            observables={name: stacked(name) for name in first.outputs},
-            outputs=first.outputs,
+            observables={name: stacked(name) for name in outputs},
+            outputs=outputs,
             notes=(*first.notes, *notes),
             engine=first.engine,
             plugins={k: v for one in replicas for k, v in one.plugins.items()},
@@ -220,87 +228,60 @@ class Programme(AgeingMethod):
             for contact in different.values()
         ]
         lattices = dict(zip(different, on_all_sites(built), strict=True))
-        state, before, steps = None, built[0], []
-        for k, (segment, contact) in enumerate(
-            zip(self.segments, contacts, strict=True)
-        ):
+        state, before = None, built[0]
+        steps: list[StepOutcome] = []
+        histories: list[BondHistory | PullHistory] = []
+        for segment, contact in zip(self.segments, contacts, strict=True):
             lattice, lost = lattices[id(contact)], 0
             if state is not None and lattice is not before:
                 state, broken = state_of(state, before, lattice), state.broken[-1]
                 lost = int(state.broken[-1] - broken)
             pulled = segment.speed or isinstance(state, PullHistory)
+            make = partial(
+                follow,
+                segment,
+                lattice,
+                state,
+                request.engine,
+                self.drive,
+                temperature=segment.temperature or request.temperature,
+                seed=seeds.noise,
+                contact=contact,
+                chemistry=request.chemistry,
+            )
             state = request.kept(
-                f"replica-{number:05d}-step-{k:03d}",
+                f"replica-{number:05d}-step-{len(steps):03d}",
                 PullHistory if pulled else BondHistory,
-                partial(
-                    follow,
-                    segment,
-                    lattice,
-                    state,
-                    request.engine,
-                    self.drive,
-                    temperature=segment.temperature or request.temperature,
-                    seed=seeds.noise,
-                    contact=contact,
-                    chemistry=request.chemistry,
-                ),
+                make,
                 key=[self.todict(), lattice.digest()],
             )
             before = lattice
-            # what is pending fills the memory
-            seen = state.model_copy(update={"resume": {}})
-            steps.append(StepOutcome(segment, seen, lost))
-        return self._measured(
-            steps, contacts, [*built, *(o.history for o in steps)]
-        )
-
-    def _measured(
-        self,
-        steps: Sequence[StepOutcome],
-        contacts: Sequence[ContactSolution],
-        made: Sequence[Any],
-    ) -> _Replica:
-        """What is kept of a replica, whose lattices and histories were ``made``."""
-        values: dict[str, np.ndarray] = {}
-        outputs: dict[str, Output] = {}
-
-        def keep(name: str, array: Any, unit: str, words: str, *dims: str) -> None:
-            values[name], outputs[name] = (
-                np.asarray(array),
-                Output(dims, unit, words),
-            )
-
-        sizes = [one.times.size for one in self.segments]
-        for name, of_steps, unit, words in (
-            ("applied_load", [one.load for one in contacts], "nN", "load"),
-            ("contact_area", [one.area for one in contacts], "nm2", "contact area"),
-            ("held_at", [one.history.temperature for one in steps], "K", "temperature"),
-            ("drive_speed", [one.speed for one in self.segments], "nm/s", "speed of the drive"),
-        ):  # fmt: skip
-            curve = np.repeat(np.array(of_steps, np.float64), sizes)
-            keep(name, curve, unit, words, "hold_time")
-        curves = {
+            steps.append(StepOutcome.of(segment, state, lost))
+            # what is pending would fill the memory
+            histories.append(state.model_copy(update={"resume": {}}))
+        assert state is not None
+        values: dict[str, Any] = {
             name: np.concatenate([getattr(one, name) for one in steps])
             for name in ("bonds", "force", "slider")
         }
-        if self.driven:
-            keep("slider", curves["slider"], "nm", "way of the slider", "hold_time")
-        for name, (unit, words) in OF_STEPS.items():
-            if self.driven or name == "lost":
-                array = [getattr(one, name) for one in steps]
-                keep(f"step_{name}", array, unit, words, "step")
-        for name, value, unit, words in self.protocol.measure(steps):
-            keep(name, np.float64(value), unit, words)
-        end, notes = (
-            steps[-1].history,
-            [n for one in steps for n in one.history.notes],
-        )
+        for name in ("peak", "peak_at", "work", "lost"):
+            values[f"step_{name}"] = np.array([getattr(one, name) for one in steps])
+        values |= {
+            "step_points": np.array([one.times.size for one in self.segments]),
+            "step_load": np.array([one.load for one in contacts]),
+            "step_area": np.array([one.area for one in contacts]),
+            "step_temperature": np.array([one.temperature for one in histories]),
+            "step_speed": np.array([one.speed for one in self.segments]),
+            "sites": state.state.size,
+            "events": state.formed[-1] + state.broken[-1],
+        }
+        for name, value, _, _ in self.protocol.measure(steps):
+            values[name] = np.float64(value)
+        made = [*built, *histories]
         return _Replica(
-            values | curves | {"events": end.formed[-1] + end.broken[-1]},
-            outputs,
-            end.state.size,
-            steps[0].history.engine,
-            tuple(dict.fromkeys(notes)),
+            values,
+            histories[0].engine,
+            tuple(dict.fromkeys(note for one in histories for note in one.notes)),
             {name: source for one in made for name, source in one.plugins.items()},
             [entry for one in made for entry in one.approximate],
         )

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from chemage import InputError
 from chemage.plugin import Length, Temperature, Time, Unit
 from chemage_history.steps import HistoryStep, Measure, Protocol, StepOutcome
 
@@ -141,8 +140,8 @@ class LoadSteps(Protocol):
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
         if len(self.durations) != len(self.loads):
-            raise InputError(
-                f"durations: {len(self.durations)} for {len(self.loads)} loads"
+            raise ValueError(
+                f"{len(self.durations)} durations, {len(self.loads)} loads"
             )
         return [
             HistoryStep(load=load, duration=span, points=self.points)

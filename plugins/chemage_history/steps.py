@@ -6,18 +6,18 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from chemage import InputError
 from chemage.plugin import (
     BondHistory,
     Choice,
     Component,
     Drive,
     Length,
+    Output,
     PlottedResult,
     PullHistory,
     Pulling,
@@ -45,14 +45,17 @@ class Slider(Drive):
     """``[drive]``: what pulls at the contact in the steps with a speed, and how its bonds yield."""
 
     speed: Speed = 0.0
-    """speed of the steps that have a distance and say none, nm/s; default: they must say it"""
+    """0; the steps have their own, nm/s"""
     engine: Choice[Pulling] = Field(default="event-driven", validate_default=True)  # pyright: ignore[reportAssignmentType]
     """the engine that pulls; default: event-driven"""
 
-    def at(self, speed: float, spring: float | None) -> Drive:
+    def at(self, segment: Segment) -> Drive:
         """What pulls in one step."""
         own = {name: getattr(self, name) for name in Drive.model_fields}
-        return Drive(**{**own, "speed": speed, "spring": spring})
+        own["speed"] = segment.speed
+        if segment.spring is not None:
+            own["spring"] = None if segment.spring == "rigid" else segment.spring
+        return Drive(**own)
 
 
 class HistoryStep(Component):
@@ -98,38 +101,28 @@ class Segment:
     temperature: float | None
     #: nm/s
     speed: float
-    #: nN/nm; None: rigid
-    spring: float | None
+    #: nN/nm, or "rigid"; None: of the drive
+    spring: float | str | None
 
 
-def segments(
-    steps: Sequence[HistoryStep], drive: Slider | None
-) -> Iterator[Segment]:
+def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
     """Every step with what it has from those before.
 
     Raises
     ------
-    InputError
-        A step has no duration, or no speed for its distance, or is driven without ``drive``.
+    ValueError
+        A step has no duration, or no speed for its distance.
     """
-    begin, speed, load, temperature = 0.0, 0.0, None, None
-    spring = None if drive is None else drive.spring
+    begin, speed, load, temperature, spring = 0.0, 0.0, None, None, None
     for number, step in enumerate(steps):
         speed = speed if step.speed is None else step.speed
-        if step.distance is not None and not speed and drive is not None:
-            speed = drive.speed
         load = load if step.load is None else step.load
+        spring = spring if step.spring is None else step.spring
         temperature = step.temperature or temperature
-        if step.spring is not None:
-            spring = None if step.spring == "rigid" else step.spring
         if (step.duration is None) == (step.distance is None):
-            raise InputError(f"step {number}: give either duration or distance")
+            raise ValueError(f"step {number}: give either duration or distance")
         if step.distance is not None and not speed:
-            raise InputError(f"step {number}: a distance needs a speed")
-        if speed and drive is None:
-            raise InputError(
-                f"step {number}: a speed needs [drive], which says how bonds yield"
-            )
+            raise ValueError(f"step {number}: a distance needs a speed")
         span = step.distance / speed if step.distance else step.duration or 0.0
         if speed:
             passed = np.linspace(0.0, span, step.points + 1)
@@ -139,7 +132,7 @@ def segments(
         yield Segment(begin + passed, load, temperature, speed, spring)
         begin += span
         if not math.isfinite(begin):
-            raise InputError(f"step {number}: ends beyond the range of numbers")
+            raise ValueError(f"step {number}: ends beyond the range of numbers")
 
 
 @dataclass(frozen=True)
@@ -147,56 +140,47 @@ class StepOutcome:
     """What a replica did in one step."""
 
     segment: Segment
-    history: BondHistory | PullHistory
+    #: (m,)
+    bonds: np.ndarray
+    #: (m,) nN, of the drive, and nm, of the slider since it was first pulled; 0 before
+    force: np.ndarray
+    slider: np.ndarray
+    #: largest force of this step, nN, and way of the slider in it to there, nm
+    peak: float = 0.0
+    peak_at: float = 0.0
+    #: mean force over the last quarter of the step, nN; at rest that at its end
+    steady: float = 0.0
+    #: of the drive in this step, nN nm
+    work: float = 0.0
     #: bonds of sites that left the contact as the load changed
-    lost: int
+    lost: int = 0
 
-    @property
-    def force(self) -> np.ndarray:
-        """(m,) nN, of the drive; 0 before it first moves."""
-        if isinstance(self.history, PullHistory):
-            return self.history.force
-        return np.zeros(self.history.bonds.size)
-
-    @property
-    def slider(self) -> np.ndarray:
-        """(m,) nm, since it was first pulled."""
-        if isinstance(self.history, PullHistory):
-            return self.history.displacement
-        return np.zeros(self.history.bonds.size)
-
-    @property
-    def bonds(self) -> np.ndarray:
-        """(m,)"""
-        return self.history.bonds
-
-    @property
-    def peak(self) -> float:
-        """Largest force of this step, nN."""
-        return getattr(self.history, "peak", 0.0)
-
-    @property
-    def peak_at(self) -> float:
-        """Way of the slider from the beginning of the step to there, nm."""
-        at = getattr(self.history, "peak_displacement", 0.0)
-        return at - float(self.slider[0])
-
-    @property
-    def steady(self) -> float:
-        """Mean force over the last quarter of the step, nN; at rest that at its end."""
-        if not isinstance(self.history, PullHistory) or not self.segment.speed:
-            return float(self.force[-1])
-        work, times = self.history.work, self.segment.times
-        first = -1 - max(1, round(LAST * (work.size - 1)))
-        way = self.segment.speed * (times[-1] - times[first])
-        return float((work[-1] - work[first]) / way)
-
-    @property
-    def work(self) -> float:
-        """Of the drive in this step, nN nm."""
-        if isinstance(self.history, PullHistory):
-            return float(self.history.work[-1] - self.history.work[0])
-        return 0.0
+    @classmethod
+    def of(
+        cls,
+        segment: Segment,
+        history: BondHistory | PullHistory | None = None,
+        lost: int = 0,
+    ) -> Self:
+        """That of a ``history``; without one nothing happened."""
+        none = np.zeros(segment.times.size)
+        if not isinstance(history, PullHistory):
+            bonds = none if history is None else history.bonds
+            return cls(segment, bonds, none, none, lost=lost)
+        work, slider, times = history.work, history.displacement, segment.times
+        last = -1 - max(1, round(LAST * (work.size - 1)))
+        way = segment.speed * (times[-1] - times[last])
+        return cls(
+            segment,
+            history.bonds,
+            history.force,
+            slider,
+            history.peak,
+            history.peak_displacement - float(slider[0]),
+            float((work[-1] - work[last]) / way if way else history.force[-1]),
+            float(work[-1] - work[0]),
+            lost,
+        )
 
 
 class Protocol(Component, ABC):
@@ -208,9 +192,23 @@ class Protocol(Component, ABC):
         "within holds.",
     }
 
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        tuple(segments(self.expand()))
+        return self
+
     @abstractmethod
     def expand(self) -> Sequence[HistoryStep]:
         """The steps, one at least."""
+
+    @property
+    def outputs(self) -> Mapping[str, Output]:
+        """What it measures: name -> unit and meaning."""
+        still = [StepOutcome.of(one) for one in segments(self.expand())]
+        return {
+            name: Output((), unit, words)
+            for name, _, unit, words in self.measure(still)
+        }
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterable[Measure]:
         """What one replica measures, from what it did in each step; of every replica the same names."""

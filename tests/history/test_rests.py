@@ -147,7 +147,7 @@ def test_interacting_patches_against_matrix_exponentials(engine, seed):
     programme = [(one, 300.0, 0.5), (two, 300.0, 0.3), (two, 315.0, 0.1), (one, 290.0, 1.0), (one, 300.0, 0.2)]
     steps = [HistoryStep(duration=span, temperature=kelvin, points=1) for _, kelvin, span in programme]
     state, before, expected = None, None, np.eye(64)[0]
-    for (lattice, kelvin, span), segment in zip(programme, segments(steps, None), strict=True):
+    for (lattice, kelvin, span), segment in zip(programme, segments(steps), strict=True):
         if before is not None and lattice is not before:
             state = state_of(state, before, lattice)
             gone = 2 if lattice is two else 5
@@ -212,7 +212,7 @@ def test_sites_that_come_back_take_fresh_noise(engine, common):
     programme = [(100.0, 1.0), (10.0, 1e-12), (100.0, 1.0)]
     contacts = [Rows().solve(FLAT, load) for load, _ in programme]
     lattices = on_all_sites([chemistry.on(contact, 3) for contact in contacts])
-    steps = segments([HistoryStep(duration=span, points=1) for _, span in programme], None)
+    steps = segments([HistoryStep(duration=span, points=1) for _, span in programme])
     seed = 5 if common == "none" else ca.plugin.random.CommonSeed(5)
     state, before, ends = None, None, []
     for segment, lattice in zip(steps, lattices, strict=True):
@@ -228,10 +228,10 @@ def test_sites_that_come_back_take_fresh_noise(engine, common):
 
 
 def test_what_cannot_be_is_refused():
-    with pytest.raises(InputError, match="step 1: give either duration or distance"):
-        list(segments([HistoryStep(duration=1.0), HistoryStep(load=3.0)], None))
-    with pytest.raises(InputError, match=r"step 0: a speed needs \[drive\]"):
-        list(segments([HistoryStep(duration=1.0, speed=3.0)], None))
+    with pytest.raises(ValueError, match="step 1: give either duration or distance"):
+        list(segments([HistoryStep(duration=1.0), HistoryStep(load=3.0)]))
+    with pytest.raises(InputError, match=r"a speed needs \[drive\]"):
+        Programme(protocol={"kind": "steps", "step": [{"duration": 1, "speed": 3}]}).times()
     programme = Programme(protocol={"kind": "load-steps", "loads": [50, 100], "durations": [1, 1]})
     with pytest.raises(InputError, match="give the surface and the solver"):
         ca.age(
@@ -246,9 +246,7 @@ def test_p_values_of_many_patches_are_uniform():
     for seed in range(40):
         count = 500
         lattice = lattice_of_patches(count, np.full(6, 0.78), 1)
-        steps = segments(
-            [HistoryStep(duration=0.4, points=1), HistoryStep(duration=0.2, temperature=320, points=1)], None
-        )
+        steps = segments([HistoryStep(duration=0.4, points=1), HistoryStep(duration=0.2, points=1)])
         state, expected = None, np.eye(64)[0]
         for segment, kelvin in zip(steps, (300.0, 320.0), strict=True):
             state = follow(segment, lattice, state, ca.engine("rejection-free"), None, temperature=kelvin, seed=seed)

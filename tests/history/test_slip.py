@@ -12,7 +12,7 @@ import chemage as ca
 from chemage.plugin import PullHistory, pull, run_kinetics
 from chemage_history import HistoryStep, Programme, Slider
 from chemage_history.programme import follow, state_of
-from chemage_history.steps import StepOutcome, segments
+from chemage_history.steps import Segment, StepOutcome, segments
 
 KT = KB * 300.0
 EV_NM = 0.1602176634
@@ -58,13 +58,18 @@ class Transport:
         return np.array(forces)
 
 
+def at(speed: float, spring: float | None = None):
+    """What pulls at this speed."""
+    return SLIDER.at(Segment(np.zeros(1), None, None, speed, spring or "rigid"))
+
+
 def slid(lattice, steps, seed=0, engine="independent"):
     """What a lattice of one replica did in each step."""
     state, found = None, []
-    for segment in segments(steps, SLIDER):
+    for segment in segments(steps):
         state = follow(segment, lattice, state, ca.engine(engine), SLIDER, temperature=300, seed=seed)
         assert state.fault() == ""
-        found.append(StepOutcome(segment, state, 0))
+        found.append(StepOutcome.of(segment, state))
     return found
 
 
@@ -122,12 +127,12 @@ def test_slide_hold_slide_and_velocity_steps_against_the_transport_equation(k_on
 def test_a_rest_keeps_the_stretch_of_bonds_and_the_force_of_the_spring():
     """At rates of zero nothing changes; a bond that survives the rest goes on from its stretch, a new one has none."""
     lattice = lattice_of(200, 3.0, 2.0)
-    start = pull(SLIDER.engine, lattice, SLIDER.at(10.0, None), [0.01], temperature=300, start=np.arange(200) < 120)
+    start = pull(SLIDER.engine, lattice, at(10.0), [0.01], temperature=300, start=np.arange(200) < 120)
     for spring in (None, 300.0):
         drive = SLIDER.replace(spring=spring)
         steps = [HistoryStep(speed=0, duration=5.0), HistoryStep(speed=10, distance=0.01)]
         state = start
-        for segment in segments(steps, drive):
+        for segment in segments(steps):
             moved = segment.times + start.time
             segment = type(segment)(moved, None, None, segment.speed, segment.spring)
             state = follow(segment, lattice, state, ca.engine("auto"), drive, temperature=300)
@@ -137,7 +142,7 @@ def test_a_rest_keeps_the_stretch_of_bonds_and_the_force_of_the_spring():
         assert state.force[-1] > start.force[-1]
         assert (state.stretch[:120] >= start.stretch[:120]).all()
     young = lattice_of(200, 0.6, 2.0)
-    state = pull(SLIDER.engine, young, SLIDER.at(0.0, None), [1.0], temperature=300, start=start)
+    state = pull(SLIDER.engine, young, at(0.0), [1.0], temperature=300, start=start)
     assert state.state.all()
     assert not state.stretch[120:].any()
     np.testing.assert_array_equal(state.stretch[:120], start.stretch[:120])
@@ -148,7 +153,7 @@ def test_sites_that_leave_take_their_share_of_the_force(spring):
     lattice = lattice_of(100, 3.0, 2.0)
     half = np.arange(100) < 50
     less = lattice.model_copy(update={"forming": np.where(half, 3.0, 1000.0)})
-    drive = SLIDER.at(10.0, spring)
+    drive = at(10.0, spring)
     before = pull(SLIDER.engine, lattice, drive, [0.02], temperature=300, start=np.ones(100, bool))
     state = state_of(before, lattice, less)
     assert state.fault() == ""
@@ -194,12 +199,12 @@ def chain_trial(seed: int) -> None:
     lattice, slider = lattice_of(n, forming, breaking), SLIDER
     kind = str(rng.choice(["auto", "rejection-free", "bkl", "next-reaction", "independent"]))
     engine, state, by_hand, in_pieces = ca.engine(kind), None, None, None
-    for segment in segments(steps, slider):
+    for segment in segments(steps):
         kelvin = segment.temperature or 300.0
         how = {"temperature": kelvin, "seed": seed}
         state = follow(segment, lattice, state, engine, slider, **how)
         moves = segment.speed > 0 or isinstance(by_hand, PullHistory)
-        drive = slider.at(segment.speed, segment.spring)
+        drive = slider.at(segment)
         if moves:
             begun = by_hand.handed_on() if isinstance(by_hand, PullHistory) else by_hand
             by_hand = pull(slider.engine, lattice, drive, segment.times, start=begun, **how)
