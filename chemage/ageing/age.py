@@ -19,7 +19,7 @@ from chemage.ageing.methods import (
 )
 from chemage.ageing.observables import Observable, output_problems
 from chemage.ageing.replicas import COMMON, Common
-from chemage.contacts.role import expect_contact
+from chemage.contacts.role import ContactSolver, expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
 from chemage.foundation.checks import (
     Seed,
@@ -46,6 +46,7 @@ from chemage.plugins.sources import (
     implementing,
     providers,
 )
+from chemage.surfaces.surface import Surface
 
 #: hooks that see the sites of a replica
 _SITE_HOOKS = (
@@ -72,6 +73,8 @@ def age(
     progress: Callable[[int, int], None] | None = None,
     checkpoints: Path | None = None,
     method: AgeingMethod | None = None,
+    surface: Surface | None = None,
+    solver: ContactSolver | None = None,
 ) -> Aging:
     """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
 
@@ -105,6 +108,8 @@ def age(
         A folder in which every replica is kept while it runs; an interrupted call resumes, with equal results.
     method
         Another way to find the bonds, see :class:`chemage.plugin.AgeingMethod`; default: the kinetics of every site.
+    surface, solver
+        The surface of the contact, and what solves it under other loads, where the method changes the load.
     """
     _check_parts(contact, chemistry, engine, rupture, observe)
     if not isinstance(common, str) or common not in COMMON:
@@ -146,6 +151,8 @@ def age(
         threads,
         report,
         checkpoints,
+        surface,
+        solver,
     )
     request = AgeingRequest(contact, chemistry, engine, times, kelvin, *how)
     about = f"{method.kind}: {engine.kind}, {replicas} replicas, {times.size} hold times, {kelvin:g} K"
@@ -236,6 +243,7 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             observables=dict(aged.observables)
             | {name: values for name, (_, values) in recorded.items()},
             outputs={name: output.todict() for name, output in declared.items()},
+            unfitted=method.unfitted,
             provenance=_provenance(request, method),
         )
     except InputError as error:
@@ -310,7 +318,7 @@ def _provenance(request: AgeingRequest, method: AgeingMethod) -> dict[str, Any]:
             if observe
             else {}
         ),
-        **({"ageing": method.todict()} if method.role else {}),
+        **{part.role: part.todict() for part in components_in(method)[:1]},
         **(
             {"seed": str(request.seed), "common": request.common}
             if method.replicates

@@ -107,6 +107,7 @@ class Aging(Observing, Record):
         "error_sources",
         "events",
         "member_ratios",
+        "unfitted",
     )
 
     hold_times: Doubles
@@ -148,6 +149,8 @@ class Aging(Observing, Record):
     """name -> (replicas, ...)"""
     outputs: dict[str, dict[str, Any]] = {}
     """name of an observable's output -> dims, unit and description, as far as they are declared"""
+    unfitted: str = ""
+    """why no line is fitted, where the times are not those of one hold"""
     provenance: Plain = {}
     """how it was made: plain JSON values"""
 
@@ -573,7 +576,7 @@ def fit_or_reason(
     aging: Aging, window: tuple[float, float]
 ) -> tuple[Fit | None, str]:
     """The line of Δμ over ``window`` (s), or None and why it cannot be fitted, in words."""
-    if reason := why_not_fitted(aging.hold_times, window):
+    if reason := aging.unfitted or why_not_fitted(aging.hold_times, window):
         return None, reason
     try:
         return aging.fit(*window), ""

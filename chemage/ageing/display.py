@@ -91,7 +91,11 @@ class AgingDisplay(OfRecord[Aging]):
     def facts(self) -> Rows:
         aging = self.record
         law = _with_parts(aging.provenance.get(Rupture.role, {})) or (
-            "mean force per bond" if aging.rupture_force is None else "a plugin's"
+            "mean force per bond"
+            if aging.rupture_force is None
+            else "the force of the drive"
+            if aging.unfitted
+            else "a plugin's"
         )
         facts = [
             ("temperature", f"{aging.temperature:g} K"),

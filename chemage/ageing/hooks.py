@@ -44,6 +44,14 @@ def chemage_published() -> Sequence[tuple[Mapping[str, object], float, str]]:  #
     (dotted path -> value, internal units); drawn beside the fitted line of such a result."""
 
 
+def method_of(parts: Parts) -> Any:
+    """The method by which a scene with these parts ages; None: the kinetics of every site."""
+    from chemage.plugins.registry import current
+
+    stages = (stage for stage in current().stages() if stage.section in parts)
+    return next(filter(None, (stage.method(parts) for stage in stages)), None)
+
+
 def arguments_of(parts: Mapping[str, Any]) -> dict[str, Any]:
     """What the parts of a scene say of the arguments of :func:`chemage.age` but the contact and the chemistry."""
     from chemage.friction.role import Rupture
@@ -55,13 +63,21 @@ def arguments_of(parts: Mapping[str, Any]) -> dict[str, Any]:
             for name in ("hold_times", "temperature", "replicas", "seed", "common")
         },
         engine=parts["engine"],
-        method=parts.get("ageing"),
+        method=method_of(parts),
         rupture=parts.get(Rupture.role),
         observe=parts.get("observe", ()),
     )
 
 
 class _Ageing(Stage):
+    def method(self, parts: Parts) -> Any:
+        return parts[self.section]
+
+    def taken(self, parts: Parts) -> tuple[str, ...]:
+        method = method_of(parts)
+        loads = method is not None and method.loads
+        return (*self.takes, *(("surface",) if loads else ()))
+
     def asked(self, parts: Parts) -> bool:
         return {"chemistry", "engine", "hold"} <= parts.keys()
 
@@ -72,6 +88,9 @@ class _Ageing(Stage):
             name: getattr(inputs, name)
             for name in ("threads", "progress", "checkpoints")
         }
+        if "surface" in inputs.made:
+            how["surface"] = inputs.made["surface"]
+            how["solver"] = inputs.parts["contact"]
         return age(
             inputs.made["contact"],
             inputs.parts["chemistry"],
@@ -86,7 +105,7 @@ class _Ageing(Stage):
 
         if "engine" not in parts:
             return
-        method = parts.get(self.section, EVERY_SITE)
+        method = method_of(parts) or EVERY_SITE
         contact = parts["contact"]
         chemistry = parts["chemistry"]
         rupture, observe = parts.get(Rupture.role), parts.get("observe", ())
@@ -109,7 +128,7 @@ class _Ageing(Stage):
         if "engine" not in parts:
             return {"cpu_seconds": 0.0, "bytes": 0.0}
         hold = parts["hold"]
-        method = parts.get(self.section, EVERY_SITE)
+        method = method_of(parts) or EVERY_SITE
         replica = stated["engine"]
         mapped = "pixels" in stated["contact"]
         sites = stated["chemistry"].get("sites") if mapped else 0.0

@@ -16,10 +16,13 @@ from chemage.ageing.replicas import (
     Common,
     ReplicaSeeds,
     identity,
+    keep,
     origin,
     replica_seeds,
+    resumed,
     run_with_checkpoints,
 )
+from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.checks import Seed
 from chemage.foundation.components import Component, call_with
@@ -35,8 +38,10 @@ from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
 from chemage.plugins.context import Plugins
 from chemage.plugins.sources import components_in
+from chemage.surfaces.surface import Surface
 
 T = TypeVar("T")
+R = TypeVar("R", bound=Record)
 
 
 class Origin(NamedTuple):
@@ -95,6 +100,9 @@ class AgeingRequest:
     progress: Callable[[int, int], None] | None = None
     #: where replicas are kept while they run; None: nowhere
     checkpoints: Path | None = None
+    #: the surface, and what solved its contact, for a method with ``loads``; None: not known
+    surface: Surface | None = None
+    solver: ContactSolver | None = None
 
     @property
     def solution(self) -> ContactSolution:
@@ -167,6 +175,28 @@ class AgeingRequest:
                 self.engine, lattice, self.hold_times, before=before, **call
             ),
         )
+
+    def kept(
+        self,
+        name: str,
+        kind: type[R],
+        make: Callable[[], R],
+        *,
+        key: Any,
+    ) -> R:
+        """What ``make`` gives, of this ``kind``; with checkpoints from the file ``name``, where it was kept under an
+        equal ``key`` and the same plugins."""
+        if self.checkpoints is None:
+            return make()
+        path, content = self.checkpoints / f"{name}.h5", content_hash(key)
+        how: dict[str, Any] = {"run": self._key, "before": self.contact.plugins}
+        how["hooks"] = ("chemage_run_kinetics", "chemage_pull_bonds")
+        other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
+        record = resumed(path, "history", kind, content, other, **how)
+        if record is None:
+            record = make()
+            keep(path, "history", record, content, **how)
+        return record
 
     def each(self, task: Callable[[int], T]) -> list[T]:
         """``task`` of every replica, several at a time; reports the progress."""
@@ -243,6 +273,10 @@ class AgeingMethod(Component, ABC):
     error_of = "the mean number of bonds"
     #: gives the bonds of each replica, which has its own disorder and noise; False: the mean of infinitely many alone
     replicates: ClassVar[bool] = True
+    #: asks for the surface and its solver, with which it changes the load
+    loads: ClassVar[bool] = False
+    #: why its times are not those of one hold, so that no line is fitted; "": they are
+    unfitted: ClassVar[str] = ""
     #: needs the map of the pressure; False: the statistics of the contact are enough
     needs_map: ClassVar[bool] = True
     #: measures the observables of the request

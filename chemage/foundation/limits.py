@@ -32,7 +32,7 @@ ABSENT = {
         "laws of sliding such as rate-and-state are not modelled; a rupture law may have a speed"
     ),
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
-        "the temperature is constant during a hold; a sweep over hold.temperature compares several"
+        "the temperature is constant in each [[step]]; a sweep over hold.temperature compares several"
     ),
     (
         "wear",

@@ -120,20 +120,24 @@ class PullHistory(Followed):
     of_times = "times"
 
     arrays = {
-        "times": (("time",), "s", "time since the contact was made"),
+        "times": (("times",), "s", "time since the contact was made"),
         "displacement": (
-            ("time",),
+            ("times",),
             "nm",
             "of the slider, since it was first pulled",
         ),
-        "force": (("time",), "nN", "of the drive"),
-        "bonds": (("time",), "", "number of bonds"),
-        "formed": (("time",), "", "bonds formed so far"),
-        "broken": (("time",), "", "bonds broken so far"),
-        "work": (("time",), "nN nm", "done by the drive so far"),
-        "dissipated": (("time",), "nN nm", "lost so far where bonds broke"),
-        "rubbed": (("time",), "nN nm", "lost so far to the friction of the slider"),
-        "stored": (("time",), "nN nm", "elastic energy of bonds and spring"),
+        "force": (("times",), "nN", "of the drive"),
+        "bonds": (("times",), "", "number of bonds"),
+        "formed": (("times",), "", "bonds formed so far"),
+        "broken": (("times",), "", "bonds broken so far"),
+        "work": (("times",), "nN nm", "done by the drive so far"),
+        "dissipated": (("times",), "nN nm", "lost so far where bonds broke"),
+        "rubbed": (
+            ("times",),
+            "nN nm",
+            "lost so far to the friction of the slider",
+        ),
+        "stored": (("times",), "nN nm", "elastic energy of bonds and spring"),
         "state": (("site",), "", "whether each site is bonded at the end"),
         "stretch": (
             ("site",),
@@ -152,7 +156,6 @@ class PullHistory(Followed):
             "number of slips in which 2^j to 2^(j+1) bonds broke",
         ),
     }
-    stored_names = {"times": "time"}
 
     times: Doubles
     """(m,) s since the contact was made"""
@@ -200,7 +203,9 @@ class PullHistory(Followed):
     def _check(self) -> Self:
         check_times(self.times)
         for name, (dims, _, _) in self.arrays.items():
-            length = {"time": self.times.size, "site": self.state.size}.get(dims[0])
+            length = {"times": self.times.size, "site": self.state.size}.get(
+                dims[0]
+            )
             values = getattr(self, name)
             if values.ndim != 1 or length not in (None, values.size):
                 raise ValueError(f"{name}: shape {values.shape}; give ({length},)")
@@ -227,6 +232,26 @@ class PullHistory(Followed):
             engine=self.engine,
             resume={**counters_of(self.resume), "slips": self.slips},
             **{name: getattr(self, name) for name in names},
+        )
+
+    def without(self, lost: np.ndarray) -> Self:
+        """See :meth:`Followed.without`; the energy of these bonds is dissipated, and where no spring pulls, the force
+        falls by theirs."""
+        stretch, kappa = self.stretch * lost, self.drive["bond_stiffness"]
+        energy = 0.5 * kappa * float((stretch**2).sum())
+        rigid = self.drive["spring"] is None
+        force = self.force[-1:] - rigid * kappa * float(stretch.sum())
+        return (
+            super()
+            .without(lost)
+            .model_copy(
+                update={
+                    "force": np.maximum(force, 0.0),
+                    "dissipated": self.dissipated[-1:] + energy,
+                    "stored": np.maximum(self.stored[-1:] - energy, 0.0),
+                    "stretch": self.stretch - stretch,
+                }
+            )
         )
 
     def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:

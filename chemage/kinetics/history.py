@@ -87,6 +87,26 @@ class Followed(Observing, Record):
             return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
         return ""
 
+    def handed_on(self, **changes: Any) -> Self:
+        """The state of the contact at the end, from which something else begins: without what is pending."""
+        dimension = self.arrays[self.of_times][0][0]
+        last: dict[str, Any] = {
+            name: None if name == "states" else getattr(self, name)[-1:]
+            for name, (dims, _, _) in self.arrays.items()
+            if dims[0] == dimension
+        }
+        last |= {"resume": counters_of(self.resume), "observables": {}}
+        return self.model_copy(update={**last, "outputs": {}, **changes})
+
+    def without(self, lost: np.ndarray) -> Self:
+        """The state at the end without the bonds of the sites ``lost``, (n,) bool, which count as broken."""
+        gone = int(np.count_nonzero(self.state & lost))
+        return self.handed_on(
+            bonds=self.bonds[-1:] - gone,
+            broken=self.broken[-1:] + gone,
+            state=self.state & ~lost,
+        )
+
     def fault_of(
         self, lattice: Any, temperature: float, start: Any = None, **arguments: Any
     ) -> str:

@@ -165,7 +165,7 @@ class Stage(Owned):
     about: str = ""
     #: one of ``parts`` -> what is said of the sections that need it where it is missing
     missing: Mapping[str, str] = field(default_factory=dict)
-    #: [[section]]: any number of components
+    #: [[section]]: any number of components, or of the options of :meth:`model`, in their order
     many: bool = False
     #: entries of the section beside the options of its component
     beside: Mapping[str, Beside] = field(default_factory=dict)
@@ -230,6 +230,15 @@ class Stage(Owned):
         raise NotImplementedError(
             f"the stage {self.section!r} makes {self.makes!r} and has no method run"
         )
+
+    def fills(self, data: Fields) -> Mapping[str, Data]:
+        """What its section in the ``data`` of a scene decides of other sections, which then must not say it: section ->
+        options."""
+        return {}
+
+    def method(self, parts: Parts) -> Any:
+        """The :class:`chemage.plugin.AgeingMethod` by which a scene with its section ages; None: that of [ageing]."""
+        return None
 
     def model(self) -> Any:
         """The class of its options, where it has no role; None for a table that :meth:`make` reads."""

@@ -38,7 +38,12 @@ def new(name: str, role: str, folder: Path) -> list[Path]:
     StoreError
         The folder exists or cannot be created.
     """
-    roles = list(registry.current().roles)
+    # those of plugins have no template
+    roles = [
+        role
+        for role, target in registry.current().roles.items()
+        if target.startswith("chemage.")
+    ]
     if role not in roles:
         raise InputError(
             f"no role {role!r}{nearest(role, roles)}; the roles are {', '.join(roles)}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -162,9 +162,9 @@ class RunDisplay(Result):
             for section, words in self._stages()
         ]
         facts += [
-            (section, options_text(scene[section]))
+            (section, options_text(options))
             for section in registry.current().owners
-            if section in scene
+            for options in as_list(scene.get(section, ()))
         ]
         facts += self.aging.facts()
         facts += [
@@ -276,6 +276,11 @@ class RunDisplay(Result):
             return Ageing(load=self.run.contact.load)
         chemistry = chemistry_of_scene(self.scene, self.run.aging.temperature)
         return replace(self.aging.ageing(), chemistry=chemistry)
+
+
+def as_list(section: Any) -> Sequence[Fields]:
+    """The tables of a section of a scene: one, or several."""
+    return (section,) if isinstance(section, Mapping) else section
 
 
 def options_text(options: Fields) -> str:

@@ -102,6 +102,7 @@ class _Parser:
             self.data, material, from_material = filled(self.data)
         self.data.pop("material", None)
         stages, names = registry.stages(), section_names()
+        self._fill(stages)
         for name in self.data:
             if name not in names:
                 text = f"no such section{nearest(name, names)}; the sections are {', '.join(names)}"
@@ -134,6 +135,22 @@ class _Parser:
         raise SceneError(self.source, self.problems)
 
     # -- sections -----------------------------------------------------------------------------------------------------
+
+    def _fill(self, stages: Sequence[Stage]) -> None:
+        """Add what some sections decide of others."""
+        for stage in stages:
+            decided = stage.fills(self.data) if stage.section in self.data else {}
+            for section, options in decided.items():
+                given = self.data.setdefault(section, {})
+                if isinstance(given, Mapping):
+                    self.problems += [
+                        (
+                            f"{section}.{name}",
+                            f"[{stage.section}] says it; leave this out",
+                        )
+                        for name in options.keys() & given.keys()
+                    ]
+                    self.data[section] = {**given, **options}
 
     def _read(self, stage: Stage) -> None:
         """The parts of one stage."""
@@ -199,17 +216,16 @@ class _Parser:
     def _read_many(self, stage: Stage) -> None:
         items, name = self.data.get(stage.section, []), stage.section
         if not isinstance(items, list):
-            text = f"write each {stage.role} as [[{name}]] with its kind"
-            self.problems.append((name, text))
+            self.problems.append((name, f"write each as [[{name}]]"))
             return
         components = []
         for number, item in enumerate(items):
             path = f"{name}.{number}"
             if isinstance(item, Mapping):
-                with self._noting(path, "kind"):
-                    components.append(_component(stage.role, dict(item)))
+                with self._noting(path, "kind" if stage.role else ""):
+                    components.append(self._value(stage, dict(item)))
             else:
-                text = f"{shown(item)} is not a section; write [[{name}]] with its kind"
+                text = f"{shown(item)} is not a section; write [[{name}]] with options below it"
                 self.problems.append((path, text))
         if components:
             self.parts[name] = tuple(components)

@@ -22,9 +22,11 @@ def chemage_materials() -> Mapping[str, str]:  # pyright: ignore[reportReturnTyp
 class _Fit(Stage):
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         from chemage.ageing.fitting import few_hold_times, why_not_fitted
+        from chemage.ageing.hooks import method_of
         from chemage.foundation.checks import within
 
-        if self.section not in parts:
+        method = method_of(parts)
+        if self.section not in parts or (method is not None and method.unfitted):
             return
         window = (parts[self.section].start, parts[self.section].stop)
         times = parts["hold"].hold_times

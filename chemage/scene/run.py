@@ -454,6 +454,8 @@ def _run(
         and scene.chemistry.forming.members(1)
     ):
         how = arguments_of(scene.parts) | {
+            "surface": made.get("surface"),
+            "solver": scene.solver,
             "threads": threads,
             "progress": progress and partial(progress, BARRIERS),
         }
@@ -530,9 +532,10 @@ def aging_of(
         return None
     assert scene.chemistry is not None
     with scene.in_use():
-        return age(
-            contact, scene.chemistry, **(arguments_of(scene.parts) | changes)
-        )
+        how = arguments_of(scene.parts)
+        if how["method"] is not None and how["method"].loads:
+            how |= {"surface": surface_of(scene), "solver": scene.solver}
+        return age(contact, scene.chemistry, **(how | changes))
 
 
 def run_keys(

@@ -334,7 +334,7 @@ class Scene(Section):
                 return stage.entries[path].unit
         section, _, option = path.rpartition(".")
         plugin = self.plugins.get(section.removeprefix("plugins."))
-        owner = plugin or self.parts.get(section)
+        owner = plugin or (self.parts | self.sections()).get(section)
         return (
             units_of(type(owner)).get(option, "")
             if isinstance(owner, Frozen)
@@ -349,6 +349,12 @@ class Scene(Section):
         }
         with self.in_use():
             data |= _sections(self.parts, methodcaller("todict"))
+            for stage in reversed(registry.stages()):
+                decided = stage.fills(data) if stage.section in data else {}
+                for section, options in decided.items():
+                    own = data.pop(section)
+                    if left := {k: own[k] for k in own if k not in options}:
+                        data[section] = left
         if self.plugins or self.prefer:
             prefer = {"prefer": list(self.prefer)} if self.prefer else {}
             data["plugins"] = prefer | {

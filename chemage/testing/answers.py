@@ -267,6 +267,8 @@ class AnswerChecks(Checks[Component], of=Component):
         """Every option is used or changes some answer, and those in ``speed_only``, which change the cost alone, not a
         bit of any."""
         questions = list(questions_of(self.component, inputs))
+        if not questions:  # of the role of a plugin
+            return
         with _reading(self.cls) as read:
             own = {what: answer(self.component, ask) for what, ask in questions}
         for name in self.cls.model_fields:

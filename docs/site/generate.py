@@ -290,7 +290,7 @@ def checks() -> tuple[list[str], Callable[[str], str]]:
         title = "Every component" if name == "component" else f"Role `{name}`"
         return f"### {title}\n\n{table(('check', 'requirement'), rows)}\n"
 
-    return ["component", *chemage.plugin.registry.current().roles], role
+    return ["component", *(one for one in chemage.plugin.registry.current().roles if one in CHECKS)], role
 
 
 # -- shared -----------------------------------------------------------------------------------------------------------

@@ -439,6 +439,9 @@ SAYS = {
     ("chemage/studies/study.py", "auto"): "the share that a job array names, and no engine",
     ("chemage/studies/sweeps/running.py", "auto"): "the same",
     ("chemage/studies/ensembles/running.py", "auto"): "the same",
+    ("chemage/ageing/methods.py", "steps"): "what progress counts",
+    ("chemage/studies/ensembles/stages.py", "steps"): "the same",
+    ("chemage/foundation/limits.py", "heating"): "what may be wrong on a machine",
 }
 
 

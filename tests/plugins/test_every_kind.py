@@ -119,6 +119,11 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "independent"): [{}],
     ("engine", "auto"): [{}],
     ("ageing", "closure"): [{}],
+    ("protocol", "steps"): [{"step": [{"duration": 1}, {"speed": 3, "distance": 2}]}],
+    ("protocol", "slide-hold-slide"): [{"speed": 10, "distance": 3, "holds": [1, 10]}],
+    ("protocol", "velocity-steps"): [{"speeds": [10, 100], "distance": 3}],
+    ("protocol", "load-steps"): [{"loads": [50, "10 MPa"], "durations": [1, 2]}],
+    ("protocol", "heating"): [{"temperatures": [300, 310], "duration": 1}],
     ("ageing", "sample"): [{"share": 0.3, "window": 4}],
     ("pulling", "event-driven"): [{}],
     ("rupture", "pulled"): [

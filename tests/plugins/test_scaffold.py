@@ -48,7 +48,7 @@ def new(command, tmp_path):
 
 @pytest.mark.long
 def test_new_plugins_register_and_pass_their_own_tests(new, tmp_path: Path):
-    roles = registry.current().roles
+    roles = registry.Registry(()).roles
     words = [sys.executable, "-c", PROGRAM]
     for role in roles:
         words += [role, str(new(f"fresh-{role}", role)[0].parent)]
@@ -79,12 +79,12 @@ def test_unknown_role_names_the_nearest(new):
 def test_every_role_has_a_template():
     names = {path.name for path in resources.files("chemage.scaffold").joinpath("templates").iterdir()}
     roles = {found[1] for name in names if (found := re.fullmatch(r"role_(\w+)\.py\.in", name))}
-    assert roles == set(registry.current().roles)
+    assert roles == set(registry.Registry(()).roles)
 
 
 def test_what_new_plugins_describe_in_a_unit_is_a_quantity_in_that_unit():
     described = set()
-    for role in registry.current().roles:
+    for role in registry.Registry(()).roles:
         text = resources.files("chemage.scaffold").joinpath("templates", f"role_{role}.py.in").read_text()
         names = {"__name__": f"scaffold_{role}"}
         with pytest.MonkeyPatch.context() as patch:

@@ -1,0 +1,188 @@
+"""Protocols of experiments: lists of steps, and what these measure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from chemage.plugin import Length, Temperature, Time, Unit
+from chemage_history.steps import HistoryStep, Measure, Protocol, StepOutcome
+
+#: a speed at which something moves
+Moving = Annotated[Any, Unit("nm/s", gt=0)]
+
+
+class Steps(Protocol):
+    """The steps that ``[[step]]`` lists: the bonds of each, and of each with slip peak, steady friction and work."""
+
+    kind = "steps"
+
+    step: tuple[HistoryStep, ...] = Field(min_length=1)
+    """the steps in their order"""
+
+    def expand(self) -> Sequence[HistoryStep]:
+        """See :meth:`Protocol.expand`."""
+        return self.step
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, one in enumerate(steps):
+            yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of step {k}"
+            if one.segment.speed:
+                yield f"peak_{k}", one.peak, "nN", f"largest force in step {k}"
+                yield (
+                    f"steady_{k}",
+                    one.steady,
+                    "nN",
+                    f"steady friction in step {k}",
+                )
+                yield f"work_{k}", one.work, "nN nm", f"work in step {k}"
+
+
+class SlideHoldSlide(Protocol):
+    """Sliding, and after every hold with the drive at rest sliding again: relaxation, peak, and healing, which is the
+    peak over the steady friction before the hold."""
+
+    kind = "slide-hold-slide"
+
+    speed: Moving
+    """of the drive, nm/s"""
+    distance: Length
+    """by which the drive moves each time, nm: so far that sliding becomes steady"""
+    holds: tuple[Time, ...] = Field(min_length=1)
+    """hold times, s"""
+    points: int = Field(default=100, ge=2, le=100_000)
+    """times that are recorded of each slide; default: 100"""
+
+    def expand(self) -> Sequence[HistoryStep]:
+        """See :meth:`Protocol.expand`."""
+        slide = HistoryStep(
+            speed=self.speed, distance=self.distance, points=self.points
+        )
+        rests = (HistoryStep(speed=0.0, duration=hold) for hold in self.holds)
+        return [slide, *(step for rest in rests for step in (rest, slide))]
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        yield (
+            "steady",
+            steps[0].steady,
+            "nN",
+            "steady friction before the first hold",
+        )
+        healing = []
+        for k, hold in enumerate(self.holds):
+            before, rest, after = steps[2 * k : 2 * k + 3]
+            healing.append(after.peak - before.steady)
+            fall, of = rest.force[0] - rest.force[-1], f"hold of {hold:g} s"
+            yield f"relaxation_{k}", fall, "nN", f"fall of the force in the {of}"
+            yield f"static_{k}", after.peak, "nN", f"largest force after the {of}"
+            yield f"healing_{k}", healing[-1], "nN", f"its rise by the {of}"
+        held = np.array(self.holds) > 0
+        if np.unique(np.array(self.holds)[held]).size > 1:
+            decades = np.log10(np.array(self.holds)[held])
+            slope = np.polyfit(decades, np.array(healing)[held], 1)[0]
+            yield "healing_rate", slope, "nN", "healing per decade of hold time"
+
+
+class VelocitySteps(Protocol):
+    """Sliding at one speed after the other: steady friction, and the transient above it where the speed rises, else
+    below it."""
+
+    kind = "velocity-steps"
+
+    speeds: tuple[Moving, ...] = Field(min_length=1)
+    """of the drive, nm/s"""
+    distance: Length
+    """by which the drive moves at each speed, nm: so far that sliding becomes steady"""
+    points: int = Field(default=100, ge=2, le=100_000)
+    """times that are recorded of each speed; default: 100"""
+
+    def expand(self) -> Sequence[HistoryStep]:
+        """See :meth:`Protocol.expand`."""
+        same: dict[str, Any] = {"distance": self.distance, "points": self.points}
+        return [HistoryStep(speed=speed, **same) for speed in self.speeds]
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, (one, v) in enumerate(zip(steps, self.speeds, strict=True)):
+            yield f"steady_{k}", one.steady, "nN", f"steady friction at {v:g} nm/s"
+        for k, (old, new) in enumerate(pairwise(steps), 1):
+            up = self.speeds[k] >= self.speeds[k - 1]
+            extreme = new.peak if up else new.force.min()
+            at = f"at change {k} of the speed"
+            yield f"transient_{k}", extreme - new.steady, "nN", f"transient {at}"
+            yield (
+                f"change_{k}",
+                new.steady - old.steady,
+                "nN",
+                f"steady change {at}",
+            )
+
+
+class LoadSteps(Protocol):
+    """Rest under one load after the other, as in experiments on the memory of a contact: how many bonds are lost after
+    each change before their number grows, and until when."""
+
+    kind = "load-steps"
+
+    loads: tuple[float | str, ...] = Field(min_length=1)
+    """forces (nN) or nominal pressures"""
+    durations: tuple[Time, ...] = Field(min_length=1)
+    """time under each, s"""
+    points: int = Field(default=20, ge=1, le=100_000)
+    """times that are recorded of each, as in a step; default: 20"""
+
+    def expand(self) -> Sequence[HistoryStep]:
+        """See :meth:`Protocol.expand`."""
+        if len(self.durations) != len(self.loads):
+            raise ValueError(
+                f"{len(self.durations)} durations, {len(self.loads)} loads"
+            )
+        return [
+            HistoryStep(load=load, duration=span, points=self.points)
+            for load, span in zip(self.loads, self.durations, strict=True)
+        ]
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, one in enumerate(steps):
+            least = int(np.argmin(one.bonds))
+            passed = one.segment.times[least] - one.segment.times[0]
+            dip = one.bonds[0] - one.bonds[least]
+            yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of load {k}"
+            yield f"dip_{k}", dip, "", f"bonds lost first under load {k}"
+            yield f"dip_time_{k}", passed, "s", f"when there are fewest, load {k}"
+
+
+class Heating(Protocol):
+    """Rest at one temperature after the other: the bonds at the end of each, and how many more than before it."""
+
+    kind = "heating"
+
+    temperatures: tuple[Temperature, ...] = Field(min_length=1)
+    """K"""
+    duration: Time
+    """time at each, s"""
+    points: int = Field(default=20, ge=1, le=100_000)
+    """times that are recorded of each, as in a step; default: 20"""
+
+    def expand(self) -> Sequence[HistoryStep]:
+        """See :meth:`Protocol.expand`."""
+        same: dict[str, Any] = {"duration": self.duration, "points": self.points}
+        return [
+            HistoryStep(temperature=kelvin, **same) for kelvin in self.temperatures
+        ]
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        for k, (one, kelvin) in enumerate(
+            zip(steps, self.temperatures, strict=True)
+        ):
+            end, at = one.bonds[-1], f"at {kelvin:g} K"
+            yield f"bonds_{k}", end, "", f"bonds at the end {at}"
+            yield f"change_{k}", end - one.bonds[0], "", f"bonds gained {at}"

@@ -1,0 +1,223 @@
+"""A step of a programme, what drives its slider, and the role that gives the steps and says what they measure."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from chemage.plugin import (
+    BondHistory,
+    Choice,
+    Component,
+    Drive,
+    Length,
+    Output,
+    PlottedResult,
+    PullHistory,
+    Pulling,
+    Temperature,
+    Time,
+    Unit,
+    UnitError,
+    convert,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Speed = Annotated[Any, Unit("nm/s", ge=0)]
+#: name, value, unit and meaning of a number
+Measure: TypeAlias = tuple[str, float, str, str]
+Stiffness = Annotated[Any, Unit("nN/nm", ge=0, words=("rigid",))]
+#: times of a rest that are recorded, per decade
+PER_DECADE = 5
+#: the part of a step, at its end, over which the steady force is a mean
+LAST = 0.25
+
+
+class Slider(Drive):
+    """``[drive]``: what pulls at the contact in the steps with a speed, and how its bonds yield."""
+
+    speed: Speed = 0.0
+    """0; the steps have their own, nm/s"""
+    engine: Choice[Pulling] = Field(default="event-driven", validate_default=True)  # pyright: ignore[reportAssignmentType]
+    """the engine that pulls; default: event-driven"""
+
+    def at(self, segment: Segment) -> Drive:
+        """What pulls in one step."""
+        own = {name: getattr(self, name) for name in Drive.model_fields}
+        own["speed"] = segment.speed
+        if segment.spring is not None:
+            own["spring"] = None if segment.spring == "rigid" else segment.spring
+        return Drive(**own)
+
+
+class HistoryStep(Component):
+    """``[[step]]``: what changes in one step; what is not said stays as in the step before."""
+
+    duration: Time | None = None
+    """how long it takes, s; default: the way of ``distance``"""
+    distance: Length | None = None
+    """by which the drive moves, nm; instead of ``duration``"""
+    speed: Speed | None = None
+    """of the drive, nm/s; 0: it rests, and the bonds keep their stretch; first: it rests"""
+    spring: Stiffness | None = None
+    """stiffness of the spring that pulls the slider, nN/nm, or "rigid": the slider has the speed; first: that of
+    ``[drive]``"""
+    load: float | str | None = None
+    """a force (nN) or a nominal pressure; first: that of the scene"""
+    temperature: Temperature | None = None
+    """K; first: that of ``[hold]``"""
+    points: int = Field(default=20, ge=1, le=100_000)
+    """times that are recorded besides its beginning: at rest 5 per decade, counted back from the end; else evenly;
+    default: 20"""
+
+    @field_validator("load")
+    @classmethod
+    def _force(cls, value: Any) -> Any:
+        try:
+            return convert(value, "nN") if isinstance(value, str) else value
+        except UnitError:
+            return (
+                value  # a pressure, which is multiplied by the area of the surface
+            )
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A step with all its conditions."""
+
+    #: (m,) s since the contact was made; the first is its beginning, just after what changes
+    times: np.ndarray
+    #: nN, or a pressure; None: of the scene
+    load: float | str | None
+    #: K; None: of the scene
+    temperature: float | None
+    #: nm/s
+    speed: float
+    #: nN/nm, or "rigid"; None: of the drive
+    spring: float | str | None
+
+
+def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
+    """Every step with what it has from those before.
+
+    Raises
+    ------
+    ValueError
+        A step has no duration, or no speed for its distance.
+    """
+    begin, speed, load, temperature, spring = 0.0, 0.0, None, None, None
+    for number, step in enumerate(steps):
+        speed = speed if step.speed is None else step.speed
+        load = load if step.load is None else step.load
+        spring = spring if step.spring is None else step.spring
+        temperature = step.temperature or temperature
+        if (step.duration is None) == (step.distance is None):
+            raise ValueError(f"step {number}: give either duration or distance")
+        if step.distance is not None and not speed:
+            raise ValueError(f"step {number}: a distance needs a speed")
+        span = step.distance / speed if step.distance else step.duration or 0.0
+        if speed:
+            passed = np.linspace(0.0, span, step.points + 1)
+        else:
+            back = np.arange(step.points, 0, -1) - 1
+            passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
+        yield Segment(begin + passed, load, temperature, speed, spring)
+        begin += span
+        if not math.isfinite(begin):
+            raise ValueError(f"step {number}: ends beyond the range of numbers")
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """What a replica did in one step."""
+
+    segment: Segment
+    #: (m,)
+    bonds: np.ndarray
+    #: (m,) nN, of the drive, and nm, of the slider since it was first pulled; 0 before
+    force: np.ndarray
+    slider: np.ndarray
+    #: largest force of this step, nN, and way of the slider in it to there, nm
+    peak: float = 0.0
+    peak_at: float = 0.0
+    #: mean force over the last quarter of the step, nN; at rest that at its end
+    steady: float = 0.0
+    #: of the drive in this step, nN nm
+    work: float = 0.0
+    #: bonds of sites that left the contact as the load changed
+    lost: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        segment: Segment,
+        history: BondHistory | PullHistory | None = None,
+        lost: int = 0,
+    ) -> Self:
+        """That of a ``history``; without one nothing happened."""
+        none = np.zeros(segment.times.size)
+        if not isinstance(history, PullHistory):
+            bonds = none if history is None else history.bonds
+            return cls(segment, bonds, none, none, lost=lost)
+        work, slider, times = history.work, history.displacement, segment.times
+        last = -1 - max(1, round(LAST * (work.size - 1)))
+        way = segment.speed * (times[-1] - times[last])
+        return cls(
+            segment,
+            history.bonds,
+            history.force,
+            slider,
+            history.peak,
+            history.peak_displacement - float(slider[0]),
+            float((work[-1] - work[last]) / way if way else history.force[-1]),
+            float(work[-1] - work[0]),
+            lost,
+        )
+
+
+class Protocol(Component, ABC):
+    """Role ``protocol``: the steps of an experiment, and what they measure."""
+
+    role = "protocol"
+    figures: ClassVar[Mapping[str, str]] = {
+        "programme": "The programme above; below it force and bonds, means over replicas, on one time axis: logarithmic "
+        "within holds.",
+    }
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        tuple(segments(self.expand()))
+        return self
+
+    @abstractmethod
+    def expand(self) -> Sequence[HistoryStep]:
+        """The steps, one at least."""
+
+    @property
+    def outputs(self) -> Mapping[str, Output]:
+        """What it measures: name -> unit and meaning."""
+        still = [StepOutcome.of(one) for one in segments(self.expand())]
+        return {
+            name: Output((), unit, words)
+            for name, _, unit, words in self.measure(still)
+        }
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterable[Measure]:
+        """What one replica measures, from what it did in each step; of every replica the same names."""
+        return ()
+
+    def draw(
+        self, figure: str, axes: Axes, results: Sequence[PlottedResult]
+    ) -> None:
+        """Draw the programme and what came of it."""
+        from chemage_history.drawing import draw_programme
+
+        draw_programme(axes, results)

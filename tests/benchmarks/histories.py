@@ -1,0 +1,104 @@
+"""Programmes of steps beside single runs, and slip against the transport equation.
+
+python tests/benchmarks/histories.py loads --pixels 512 --count 20
+python tests/benchmarks/histories.py holds --sites 1000000
+python tests/benchmarks/histories.py chains --count 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+import chemage as ca
+
+ROOT = Path(__file__).parents[2]
+sys.path += [str(ROOT / "tests" / "stubs"), str(ROOT / "tests" / "history")]
+
+
+def spent(task) -> tuple[float, object]:
+    """CPU seconds of this process, and what came of it."""
+    begin = time.process_time()
+    done = task()
+    return time.process_time() - begin, done
+
+
+def loads(pixels: int, count: int) -> None:
+    """A programme of loads up and down beside as many runs."""
+    data = ca.load_scene("silica-rough").todict()
+    for name in ("fit", "observe"):
+        data.pop(name, None)
+    share = pixels / 2500
+    data["surface"] |= {"pixels": pixels, "zeta": data["surface"]["zeta"] * share}
+    data["hold"] = {"replicas": 1, "temperature": 300}
+    full = data["contact"]["load"] * share**2
+    up = np.linspace(1, 5, count // 2)
+    values = [full * float(one) for one in (*up, *up[::-1] - 0.2)]
+    steps = [{"load": load, "duration": 100.0} for load in values]
+    scene = ca.parse_scene({**data, "step": steps})
+    warm = {**data, "surface": {**data["surface"], "pixels": 64, "zeta": 16}}
+    ca.run({**warm, "contact": {**data["contact"], "load": 100.0}, "step": steps[:1]}, warn=False)
+    programme, run = spent(lambda: ca.run(scene, threads=1, warn=False))
+    singles = 0.0
+    for load in values:
+        single = {**data, "contact": {**data["contact"], "load": load}, "step": [{"duration": 100.0}]}
+        singles += spent(lambda single=single: ca.run(single, threads=1, warn=False))[0]
+    print(f"{count} loads on {pixels}²: programme {programme:.1f} s, single runs {singles:.1f} s of CPU")
+    print(
+        f"bonds {run.aging.bonds[0, -1]}, contact {run.timings['contact']:.1f} s, steps {run.timings['ageing']:.1f} s"
+    )
+
+
+def holds(sites: int) -> None:
+    """Independent sites through a slide-hold-slide of four holds."""
+    from pulled_models import lattice_of
+    from test_slip import SLIDER
+
+    from chemage_history import Programme
+    from chemage_history.programme import follow
+
+    protocol = {"kind": "slide-hold-slide", "speed": 10.0, "distance": 0.6, "holds": [0.1, 1.0, 10.0, 100.0]}
+    programme = Programme(protocol=protocol, drive=SLIDER)
+    for n in (100, sites):
+        lattice = lattice_of(n, 0.7, 1.1)
+
+        def chain(lattice=lattice):
+            state = None
+            for segment in programme.segments:
+                state = follow(segment, lattice, state, ca.engine("auto"), SLIDER, temperature=300)
+            return state
+
+        seconds, end = spent(chain)
+    print(f"{sites} sites, four holds: {seconds:.1f} s of CPU, {int(end.formed[-1] + end.broken[-1])} events")
+
+
+def chains(count: int) -> None:
+    """Random programmes at once, by hand and in pieces."""
+    from test_slip import chain_trial
+
+    for seed in range(count):
+        chain_trial(seed)
+    print(f"{count} random programmes: same bytes")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["loads", "holds", "chains"])
+    parser.add_argument("--pixels", type=int, default=512)
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--sites", type=int, default=1_000_000)
+    chosen = parser.parse_args()
+    if chosen.what == "loads":
+        loads(chosen.pixels, chosen.count)
+    elif chosen.what == "holds":
+        holds(chosen.sites)
+    else:
+        chains(chosen.count)
+
+
+if __name__ == "__main__":
+    main()
