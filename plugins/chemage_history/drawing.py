@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CONDITIONS = {
     "step_area": "area (nm²)",
     "step_load": "load (nN)",
-    "step_temperature": "temperature (K)",
+    "temperature": "temperature (K)",
     "step_speed": "speed (nm/s)",
 }
 #: part of a band that is filled
@@ -57,7 +57,8 @@ def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
         curves = {"bonds": aging.bonds, "force (nN)": aging.friction_drop}
         for name, label in CONDITIONS.items():
             if name in seen and np.ptp(seen[name]) > 0:
-                curves[label] = seen[name][:, number]
+                of_steps = seen[name].shape[1] == points.size
+                curves[label] = seen[name][:, number] if of_steps else seen[name]
         for label, values in curves.items():
             bands.setdefault(label, []).append((one, places, values.mean(axis=0)))
     for bottom, (label, drawn) in enumerate(bands.items()):

@@ -18,6 +18,7 @@ from chemage.plugin import (
     Engine,
     Output,
     PullHistory,
+    Ramp,
     build_lattice,
     pull,
     run_kinetics,
@@ -32,7 +33,7 @@ OUTPUTS = {
     "step_points": Output("step", "", "times that are recorded of each step"),
     "step_load": Output("step", "nN", "load in each step"),
     "step_area": Output("step", "nm2", "contact area in each step"),
-    "step_temperature": Output("step", "K", "temperature in each step"),
+    "temperature": Output("hold_time", "K", "temperature"),
     "step_speed": Output("step", "nm/s", "speed of the drive in each step"),
     "step_peak": Output("step", "nN", "largest force of the drive in each step"),
     "step_peak_at": Output("step", "nm", "way of the slider in each step to there"),
@@ -78,6 +79,8 @@ def follow(
 
     ``how``: temperature (K), seed, and where they are known contact and chemistry.
     """
+    if segment.heated is not None:
+        how["ramp"] = Ramp(segment.heated)
     if not segment.speed and not isinstance(state, PullHistory):
         return run_kinetics(engine, lattice, segment.times, start=state, **how)
     assert drive is not None
@@ -270,7 +273,9 @@ class Programme(AgeingMethod):
             "step_points": np.array([one.times.size for one in self.segments]),
             "step_load": np.array([one.load for one in contacts]),
             "step_area": np.array([one.area for one in contacts]),
-            "step_temperature": np.array([one.temperature for one in histories]),
+            "temperature": np.concatenate(
+                [one.temperatures(request.temperature) for one in self.segments]
+            ),
             "step_speed": np.array([one.speed for one in self.segments]),
             "sites": state.state.size,
             "events": state.formed[-1] + state.broken[-1],

@@ -58,6 +58,13 @@ class Slider(Drive):
         return Drive(**own)
 
 
+class Towards(Component):
+    """``{to = "400 K"}``: what is reached at the end of a step, linearly in time."""
+
+    to: Temperature
+    """K"""
+
+
 class HistoryStep(Component):
     """``[[step]]``: what changes in one step; what is not said stays as in the step before."""
 
@@ -72,8 +79,8 @@ class HistoryStep(Component):
     ``[drive]``"""
     load: float | str | None = None
     """a force (nN) or a nominal pressure; first: that of the scene"""
-    temperature: Temperature | None = None
-    """K; first: that of ``[hold]``"""
+    temperature: Temperature | Towards | None = None
+    """K, or ``{to = ...}``, a ramp from that before, which is followed exactly; first: that of ``[hold]``"""
     points: int = Field(default=20, ge=1, le=100_000)
     """times that are recorded besides its beginning: at rest 5 per decade, counted back from the end; else evenly;
     default: 20"""
@@ -99,10 +106,19 @@ class Segment:
     load: float | str | None
     #: K; None: of the scene
     temperature: float | None
+    #: K at the end, to which it goes linearly in time; None: it stays
+    heated: float | None
     #: nm/s
     speed: float
     #: nN/nm, or "rigid"; None: of the drive
     spring: float | str | None
+
+    def temperatures(self, otherwise: float) -> np.ndarray:
+        """(m,) K at its times; ``otherwise`` where it has none."""
+        first = self.temperature or otherwise
+        passed = self.times - self.times[0]
+        part = passed / (passed[-1] or 1.0)
+        return first + ((self.heated or first) - first) * part
 
 
 def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
@@ -118,7 +134,11 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         speed = speed if step.speed is None else step.speed
         load = load if step.load is None else step.load
         spring = spring if step.spring is None else step.spring
-        temperature = step.temperature or temperature
+        heated, at = None, step.temperature
+        if isinstance(at, Towards):
+            heated = at.to
+        else:
+            temperature = at or temperature
         if (step.duration is None) == (step.distance is None):
             raise ValueError(f"step {number}: give either duration or distance")
         if step.distance is not None and not speed:
@@ -129,8 +149,8 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         else:
             back = np.arange(step.points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
-        yield Segment(begin + passed, load, temperature, speed, spring)
-        begin += span
+        yield Segment(begin + passed, load, temperature, heated, speed, spring)
+        begin, temperature = begin + span, heated or temperature
         if not math.isfinite(begin):
             raise ValueError(f"step {number}: ends beyond the range of numbers")
 

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.stats import binomtest, chi2, chi2_contingency, kstest
 
@@ -88,6 +89,26 @@ def test_loads_and_temperatures_of_independent_sites(engine):
     lost = found.observables["step_lost"][0]
     assert lost[[0, 1, 3, 4]].tolist() == [0, 0, 0, 0]
     assert lost[2] > 0
+
+
+def test_a_ramp_of_temperature_goes_on_from_the_step_before_and_hands_on_its_end():
+    steps = [{"duration": 0.5}, {"temperature": {"to": "330 K"}, "duration": 2.0, "points": 8}, {"duration": 0.5}]
+    found = aged(steps, independent(), "independent", replicas=1)
+    kelvin = found.observables["temperature"][0]
+    assert kelvin[:21].tolist() == [300.0] * 21
+    assert kelvin[[21, 29]].tolist() == [300.0, 330.0]
+    assert np.all(kelvin[30:] == 330.0)
+
+    def change(time: float, theta: np.ndarray) -> np.ndarray:
+        at = 300.0 + 30.0 * min(max(time - 0.5, 0.0), 2.0) / 2.0
+        return rate(0.8, at) * (1 - theta) - rate(0.78, at) * theta
+
+    solved = solve_ivp(
+        change, (0, 3.0), [0.0], t_eval=[0.5, 2.5, 3.0], rtol=1e-9, atol=1e-12, max_step=0.05, method="LSODA"
+    )
+    sites = 10 * 400
+    for number, mean in enumerate(solved.y[0]):
+        assert binomtest(int(found.observables[f"bonds_{number}"][0]), sites, mean).pvalue > 1e-4
 
 
 def lattice_of_patches(count: int, forming: np.ndarray, seed: int = 1) -> ca.ReactionLattice:
