@@ -46,19 +46,19 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: which a rim of independent pixels scatters. The interval of the area is about the area without 1 − OVER of that excess,
 #: and need not contain that on the grid; RIM·e and COUNT·c are its half width. OVER and that are twice as large for a single
 #: patch, whose pixels are not independent, and for a free surface that touches at its edge. Those of other measures are
-#: about a value that is higher by the first of OF_RIM, and have the second as half width, times (e + c/3)^1.5 and the
+#: about a value that is higher by the first of OF_RIM, and have the second as half width, times (e + c)^1.5 and the
 #: measure; of the approach, the larger of itself and of √(area of a patch) times largest pressure over E*. To that comes by
 #: how much the largest pressure may be exceeded between two pixels, above the approach the highest point of the surface
-#: (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN (e + c/3). Where a free surface touches
+#: (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN (e + c). Where a free surface touches
 #: at its edge, the approach is half as well known, and rms and largest pressure have no limit; half as well known is the rms
 #: pressure of a single patch. Where bodies attract each other, pressures count as their largest attraction at least
 #: (``convergence["attraction"]``), and half widths but that of the area are 1 + PULLED·t as large, t being tension over
 #: pressure. A solver whose rim is less well known multiplies RIM by ``convergence["pixel_factor"]``
-OVER, RIM, COUNT, FLOWN, PULLED = 0.05, 0.09, 0.5, 0.15, 6.0
+OVER, RIM, COUNT, FLOWN, PULLED = 0.05, 0.09, 0.5, 0.15, 5.0
 OF_RIM = {
-    "max_pressure": (0.2, 0.7),
-    "rms_pressure": (0.08, 0.23),
-    "displacement": (0.165, 0.17),
+    "max_pressure": (0.12, 0.35),
+    "rms_pressure": (0.05, 0.145),
+    "displacement": (0.1, 0.104),
 }
 #: below and above
 Ends = tuple[float, float]
@@ -128,7 +128,7 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
         abs(contact.displacement or 0.0), patch * highest / contact.modulus
     )
     rms = max(contact.rms_pressure, attraction * covered)
-    rim = excess + count / 3
+    rim = excess + count
     pulled = 1 + PULLED * _tension(contact)
     scales = {
         "max_pressure": (highest, contact.missed_peak, 0.0),
