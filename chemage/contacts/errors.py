@@ -57,8 +57,8 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 OVER, RIM, COUNT, FLOWN, PULLED = 0.05, 0.09, 0.5, 0.15, 5.0
 OF_RIM = {
     "max_pressure": (0.12, 0.35),
-    "rms_pressure": (0.05, 0.145),
-    "displacement": (0.1, 0.104),
+    "rms_pressure": (0.05, 0.14),
+    "displacement": (0.1, 0.101),
 }
 #: below and above
 Ends = tuple[float, float]
