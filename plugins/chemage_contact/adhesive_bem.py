@@ -29,8 +29,8 @@ from chemage_contact.paths import (
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
-#: tolerance on coarse grids, which is gone below tenfold, and iterations
-COARSE_TOLERANCE, COARSE_ITERATIONS = 0.1, 30
+#: tolerance on coarse grids, which must not open what the next one holds closed, and iterations
+COARSE_TOLERANCE, COARSE_ITERATIONS = {"apart": 2e-3, "contact": 1e-2}, 30
 #: a pixel is closed first if coarse ones around it are in so much of it, from surfaces apart: the start must not be beyond
 #: the equilibrium; else if they are in the rest
 CLOSED = 0.99
@@ -145,7 +145,7 @@ class AdhesiveBEM(GridSolver):
             1 if self.is_nominally_flat(surface.get("periodic") != 0) else 4
         )
         # the rest is for kernels that a first run compiles (`tests/benchmarks/memory.py`)
-        estimate["bytes"] = max(estimate["bytes"], 150.0 * padded) + 3e7
+        estimate["bytes"] = max(estimate["bytes"], 165.0 * padded) + 3e7
         estimate["cpu_seconds"] += 0.05 + 1e-6 * padded * max(
             1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4)
         )
@@ -467,7 +467,9 @@ class AdhesiveBEM(GridSolver):
             if not adheres:
                 here.law = here.law._replace(work=0.0)
             start = self._first(here, last)
-            found = here.minimise(*start, COARSE_TOLERANCE, COARSE_ITERATIONS)
+            found = here.minimise(
+                *start, COARSE_TOLERANCE[self.start], COARSE_ITERATIONS, 1.0
+            )
             last = None if here.parted(found) else (here, found)
         return self._first(problem, last)
 
