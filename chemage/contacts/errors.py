@@ -1,4 +1,5 @@
-"""The errors of a solved contact by name: how far below and above a measure the truth may be, in its unit.
+"""The errors of a solved contact by name: how far below and above a measure the truth may be, in its unit; less than zero
+where pixels make it too large or too small.
 
 Each is half of a 95 % interval: ``iteration``, what the solver left undone; ``pixel``, what smaller pixels would
 change; ``branch``, where the surfaces adhere, what the contact reached from the other side has. A solver states its own
@@ -14,7 +15,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from chemage.contacts import patches
 from chemage.foundation.quantities import ErrorPart, Quantity
 from chemage.foundation.statistics import NORMAL_LIMIT
 
@@ -42,18 +42,24 @@ MEASURES = ("area", "max_pressure", "rms_pressure", "displacement")
 #: those that follow from it
 OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: calibrated on contacts at a pixel and at a quarter of it (``tests/benchmarks/contact_errors.py intervals``), with e the
-#: share of the area that is excess at its rim and c = (patches)^¼/(pixels in contact)^¾, by which the number of pixels
-#: in a circle scatters: the corrected area is within RIM·e and COUNT·c of the area, other measures within a factor times
-#: (e + c)^1.5, of the approach of the larger of itself and of √(area of a patch) times largest pressure over E*. To that
-#: comes by how much the largest pressure may be exceeded between two pixels, above the approach the highest point of the
-#: surface (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN of the error of the area.
-#: Where a free surface touches at its edge, rms and largest pressure have no limit. Where bodies attract each other,
-#: pressures count as their largest attraction at least (``convergence["attraction"]``), and COUNT and the error of the rms
-#: pressure are 1 + PULLED·t as large, t being tension over pressure. A solver whose rim is less well known multiplies all
-#: of them by ``convergence["pixel_factor"]``, and states in ``convergence["sticking"]`` the part of the area by which it
-#: may be held by the grid
-RIM, COUNT, FLOWN, PULLED = 0.03, 1.7, 0.17, 1.2
-FACTORS = {"max_pressure": 0.9, "rms_pressure": 0.3, "displacement": 0.16}
+#: share of the area that is excess at its rim, and c the root of the rim's length over the contact area, both in pixels, as
+#: which a rim of independent pixels scatters. The interval of the area is about the area without 1 − OVER of that excess,
+#: and need not contain that on the grid; RIM·e and COUNT·c are its half width. OVER and that are twice as large for a single
+#: patch, whose pixels are not independent, and for a free surface that touches at its edge. Those of other measures are
+#: about a value that is higher by the first of OF_RIM, and have the second as half width, times (e + c)^1.5 and the
+#: measure; of the approach, the larger of itself and of √(area of a patch) times largest pressure over E*. To that comes by
+#: how much the largest pressure may be exceeded between two pixels, above the approach the highest point of the surface
+#: (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN (e + c). Where a free surface touches
+#: at its edge, the approach is half as well known, and rms and largest pressure have no limit; half as well known is the rms
+#: pressure of a single patch. Where bodies attract each other, pressures count as their largest attraction at least
+#: (``convergence["attraction"]``), and half widths but that of the area are 1 + PULLED·t as large, t being tension over
+#: pressure. A solver whose rim is less well known multiplies RIM by ``convergence["pixel_factor"]``
+OVER, RIM, COUNT, FLOWN, PULLED = 0.05, 0.09, 0.5, 0.15, 5.0
+OF_RIM = {
+    "max_pressure": (0.12, 0.35),
+    "rms_pressure": (0.05, 0.14),
+    "displacement": (0.1, 0.101),
+}
 #: below and above
 Ends = tuple[float, float]
 
@@ -68,11 +74,11 @@ def errors(contact: ContactSolution) -> dict[str, dict[str, Ends]]:
     stated: Mapping[str, Mapping[str, Any]] = contact.convergence.get("errors", {})
     for name, parts in stated.items():
         for part, size in parts.items():
-            ends = size if isinstance(size, list) else [size] * 2
-            down, up = (math.nan if end is None else float(end) for end in ends)
+            size = math.nan if size is None else size
             if part == "branch":
-                down, up = min(down, 0.0), max(up, 0.0)
-            found.setdefault(name, {})[part] = abs(down), abs(up)
+                size = [min(size, 0.0), max(size, 0.0)]
+            low, up = size if isinstance(size, list) else (-size, size)
+            found.setdefault(name, {})[part] = -low, up
     return found
 
 
@@ -100,47 +106,43 @@ def _iteration(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> N
 
 def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
     """From the share of the area that is at the rim."""
-    area, corrected = contact.area, contact.corrected_area
-    excess = 0.0
+    area, told = contact.area, contact.convergence
+    excess = 1 - contact.corrected_area / area
+    factor = float(told.get("pixel_factor", 1.0))
+    count = 0.0
     if contact.contact_pixels != "centres":
-        bare = patches.corrected_area(area, contact.perimeter, contact.pixel_size)
-        excess = 1 - bare / area
-    factor = float(contact.convergence.get("pixel_factor", 1.0))
-    count = contact.patches**0.25 / contact.sites.size**0.75 if excess else 0.0
-    stuck = float(contact.convergence.get("sticking", 0.0)) if excess else 0.0
-    pulled = 1 + PULLED * _tension(contact)
-    half = area * math.hypot(RIM * factor * excess, COUNT * pulled * count, stuck)
-    found["area"]["pixel"] = (
-        max(area - corrected + half, 0.0),
-        max(corrected + half - area, 0.0),
-    )
-    attraction = contact.convergence.get("attraction", 0.0)
+        count = math.sqrt(contact.perimeter * contact.pixel_size**3) / area
+    cut = not contact.periodic and _touches_edge(contact)
+    alone = contact.patches == 1
+    wide = 2 if cut or alone else 1
+    half = wide * math.hypot(RIM * factor * excess, COUNT * count) * area
+    shift = (wide * OVER - 1) * excess * area
+    found["area"]["pixel"] = (half - shift, half + shift)
+    attraction = told.get("attraction", 0.0)
     covered = math.sqrt(contact.sites.size / contact.pressure.size)
     highest = max(float(np.abs(contact.pressure).max()), attraction)
     patch = math.sqrt(area / max(contact.patches, 1))
     flow = contact.plastic_displacement
     flows = flow is not None and bool(flow.any())
-    rms = contact.rms_pressure
-    lost = FLOWN * flows * found["area"]["pixel"][0] / area * rms
     approach = max(
         abs(contact.displacement or 0.0), patch * highest / contact.modulus
     )
+    rms = max(contact.rms_pressure, attraction * covered)
+    rim = excess + count
+    pulled = 1 + PULLED * _tension(contact)
     scales = {
         "max_pressure": (highest, contact.missed_peak, 0.0),
-        "rms_pressure": (pulled * max(rms, attraction * covered), lost, 0.0),
-        "displacement": (
-            approach,
-            0.0,
-            contact.convergence.get("summit", 0.0),
-        ),
+        "rms_pressure": (rms, FLOWN * flows * rim * rms, 0.0),
+        "displacement": (approach, 0.0, told.get("summit", 0.0)),
     }
     for name, (scale, more, higher) in scales.items():
-        half = factor * FACTORS[name] * (excess + count) ** 1.5 * scale
-        both = math.hypot(half, more, stuck * scale)
-        found[name]["pixel"] = (both, both + higher)
+        shift, half = (part * rim**1.5 * scale for part in OF_RIM[name])
+        half *= pulled * (2 if cut or (alone and name == "rms_pressure") else 1)
+        half = math.hypot(half, more)
+        found[name]["pixel"] = (half - shift, half + shift + higher)
     if flows:
         found["max_pressure"]["pixel"] = (0.0, 0.0)
-    elif not contact.periodic and _touches_edge(contact):
+    elif cut:
         for name in ("max_pressure", "rms_pressure"):
             found[name]["pixel"] = (math.nan, math.nan)
 
@@ -165,9 +167,14 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
     parts = found.get(name) or (found.get("area") if name in OF_AREA else None)
     if not parts or not quantity.known or not value:
         return quantity
-    below, above = (
-        math.hypot(*(ends[side] for ends in parts.values())) for side in (0, 1)
-    )
+    # a part that ends on one side of the value moves the interval, and widens it on the other side
+    shift = sum(min(up, 0.0) - min(down, 0.0) for down, up in parts.values())
+    wide = [
+        (max(down + min(up, 0.0), 0.0), max(up + min(down, 0.0), 0.0))
+        for down, up in parts.values()
+    ]
+    below, above = (math.hypot(*ends) for ends in zip(*wide, strict=True))
+    below, above = below - shift, above + shift
     if name not in found:
         low, high = max(area - below, contact.least_area), area + above
         if name == "mean_contact_pressure":
@@ -175,9 +182,7 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
                 value * area / high,
                 value * area / low if low > 0 else math.inf,
             )
-        elif name == "corrected_area":
-            low, high = min(low, value), 2 * value - min(low, value)
-        else:
+        elif name != "corrected_area":
             low, high = value / area * low, value / area * high
         return quantity.within(
             low, high, (high - low) / 2 / NORMAL_LIMIT, stated="half_width"

@@ -66,8 +66,11 @@ def patches(contact: np.ndarray, periodic: bool) -> Patches:
     return Patches(count, np.sort(sizes)[::-1].astype(np.int64))
 
 
-def perimeter(contact: np.ndarray, pixel_size: float, periodic: bool) -> float:
-    """Total length (nm) of pixel edges between contact and non-contact; beyond a free boundary there is no contact."""
+def perimeter(
+    contact: np.ndarray, pixel_size: float, periodic: bool, border: bool = True
+) -> float:
+    """Total length (nm) of pixel edges between contact and non-contact; beyond a free boundary there is no contact, but
+    without ``border`` edges on it do not count."""
     edges = 0
     for axis in (0, 1):
         edges += int(np.count_nonzero(np.diff(contact, axis=axis)))
@@ -75,7 +78,7 @@ def perimeter(contact: np.ndarray, pixel_size: float, periodic: bool) -> float:
         edges += int(
             np.count_nonzero(first ^ last)
             if periodic
-            else np.count_nonzero(first) + np.count_nonzero(last)
+            else border * (np.count_nonzero(first) + np.count_nonzero(last))
         )
     return edges * pixel_size
 

@@ -164,8 +164,8 @@ def _load_errors(
         contact.load * (ratio**power - 1)
         for ratio in (
             math.exp(abs(off)),
-            area.low / area.value,
-            area.high / area.value,
+            min(area.low / area.value, 1.0),
+            max(area.high / area.value, 1.0),
         )
     )
     return {"search": search, "area": ends}

@@ -451,9 +451,10 @@ class ContactSolution(PixelMap, Contact):
         (see ``contact_pixels``). Not below :attr:`least_area`."""
         if self.contact_pixels == "centres":
             return self.area
-        corrected = patches.corrected_area(
-            self.area, self.perimeter, self.pixel_size
+        rim = patches.perimeter(
+            self.contact, self.pixel_size, self.periodic, border=False
         )
+        corrected = patches.corrected_area(self.area, rim, self.pixel_size)
         return max(corrected, self.least_area)
 
     @property
@@ -472,7 +473,8 @@ class ContactSolution(PixelMap, Contact):
     @cached_property
     def errors(self) -> dict[str, dict[str, tuple[float, float]]]:
         """The errors of area, largest and rms pressure and displacement by name (``iteration``, ``pixel``, ``branch``):
-        how far below and above the value the truth may be, each half of a 95 % interval; nan: not known."""
+        how far below and above the value the truth may be, each half of a 95 % interval; nan: not known. Below zero: the
+        value on the grid is too large, or too small."""
         return errors.errors(self)
 
     def quantities(self) -> list[Quantity]:

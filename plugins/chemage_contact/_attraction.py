@@ -9,7 +9,7 @@ several minima, between which real contacts jump; the one that is found is below
   projected onto g ≥ 0: R. Bugnicourt, P. Sainsot, D. Dureisseix, C. Gauthier, A. A. Lubrecht, Tribol. Lett. 66, 29
   (2018); V. Rey, G. Anciaux, J.-F. Molinari, Comput. Mech. 60, 69 (2017). No step raises the energy.
 * Preconditioner: the symbol itself restricted to the working set, levelled at wavelengths beyond the distance of
-  contacts, and weighted by the distance from them; in single precision.
+  contacts, and weighted by the distance from them, and by the slope of a stress that jumps; in single precision.
 * The step along a direction is exact for the elastic energy (Parseval) and found by Newton's method for the attraction;
   one whose stress jumps is replaced by its tangents, which lie above it, until the zone in which it acts has settled.
 * It starts from the traction on a coarser grid.
@@ -42,8 +42,8 @@ Array = NDArray[Any]
 #: wave number up to which the preconditioner is levelled, in those of the side of the grid
 LEVEL = 3.0
 #: distance from the contact, in pixels, at which it halves the response to a stress; iterations after which it is measured
-#: again
-EDGE, SETTLED = 2.0, 10
+#: again, if the contact has changed by more than this
+EDGE, SETTLED, ALIKE = 2.5, 10, 0.01
 #: steps of Newton's method along a direction, and the part of the slope at which they end
 NEWTON, FLAT = 4, 0.1
 #: error below which a stress that jumps is no longer replaced by its tangents: the zone in which it acts has settled
@@ -128,6 +128,9 @@ class Adhesive:
         self.history: list[float] = []
         #: where the tolerance was reached, and the last iterate after that
         self.ends: tuple[Iterate, Iterate] | None = None
+        self.spare: list[Array] = []
+        self.u = np.empty(self.padded)
+        self.z, self.weight = (np.empty(self.padded, np.float32) for _ in range(2))
         self.workers = team.threads if math.prod(self.padded) >= 1 << 17 else 1
 
     def forward(self, x: Array) -> Array:
@@ -145,6 +148,10 @@ class Adhesive:
         return np.asarray(
             sfft.irfft(columns, self.padded[1], axis=1, workers=self.workers)
         )
+
+    def empty(self) -> Array:
+        """An array to fill, one that was used before if there is one: new memory takes longer than a pass over it."""
+        return self.spare.pop() if self.spare else np.empty(self.padded)
 
     def sums(self, kernel: Any, columns: int, *args: Any) -> list[float]:
         return (
@@ -222,9 +229,8 @@ class Adhesive:
 
     def evaluate(self, x: Array, rise: float) -> Iterate:
         """Traction, gradient and energy at ``x``."""
-        u = np.empty(self.padded)
-        self.team.run(cohesion.displaced, self.padded[0], x, self.h, rise, u)
-        p = self.backward(self.forward(u), self.stiffness)
+        self.team.run(cohesion.displaced, self.padded[0], x, self.h, rise, self.u)
+        p = self.backward(self.forward(self.u), self.stiffness)
         free = not self.floating
         mean = 0.0 if free or self.pressure is None else self.pressure
         if not free and self.pressure is None:
@@ -232,7 +238,7 @@ class Adhesive:
                 cohesion.balance, 2, x, p, self.law, self.shape
             )
             mean = -total / count if count else 0.0
-        r = np.empty(self.padded)
+        r = self.empty()
         rr, pp, force, up, attracted, gaps, contact, level, count, borne = (
             self.sums(cohesion.gradient, 10, x, p, self.h, rise, mean, self.law, r)
         )
@@ -271,35 +277,41 @@ class Adhesive:
         )
 
     def minimise(
-        self, x: Array, rise: float, tolerance: float, limit: int
+        self,
+        x: Array,
+        rise: float,
+        tolerance: float,
+        limit: int,
+        finer: float = FINER,
     ) -> Iterate:
         """The minimum below the gap ``x`` (padded) at the approach ``rise``. Never raises for lack of convergence.
 
-        Beyond the tolerance the iteration goes on (``FINER``): :attr:`ends` has both ends.
+        Beyond the tolerance the iteration goes on to ``finer`` times it: :attr:`ends` has both ends.
         """
         here = self.evaluate(x, rise)
-        d, before = np.zeros(self.padded), np.zeros(self.padded)
+        reached, before, free, excess = None, here.r, False, 0.0
+        d = np.zeros(self.padded)
         self.history.append(min(here.error, 1e300))
-        size, ds, restart, before_excess = 0.0, 0.0, True, 0.0
-        weight = np.empty(0)
-        reached = None
+        size, ds, restart = 0.0, 0.0, True
+        edge, touched = np.empty(0), math.inf
         while self.iterations < limit:
             if reached is None and here.error <= tolerance:
                 reached = here
                 limit = self.iterations + max(LEAST, int(MORE * self.iterations))
-            if (
-                here.error <= FINER * tolerance
-                and max(self.history[-3:]) <= tolerance
+            if here.error <= finer * tolerance and (
+                max(self.history[-3:]) <= tolerance or finer == 1
             ):
                 break
             self.iterations += 1
-            if (self.iterations - 1) % SETTLED == 0:
-                weight = self.weight(here)
-            z = np.multiply(here.r, weight, dtype=np.float32)
-            z = self.backward(self.forward(z), self.inverse)
-            z *= weight
-            shift = here.open_sum
-            rz, bz, zs = self.sums(cohesion.products, 3, here.r, before, z, shift)
+            if (self.iterations - 1) % SETTLED == 0 and not math.isclose(
+                here.contact, touched, rel_tol=ALIKE
+            ):
+                edge, touched = self.edge(here), here.contact
+            fields = here.r, here.x, edge, self.law, self.shape, self.weight, self.z
+            self.team.run(cohesion.weighted, self.padded[0], *fields)
+            z = self.backward(self.forward(self.z), self.inverse)
+            fields = here.r, before, self.weight, here.open_sum, z
+            rz, bz, zs = self.sums(cohesion.products, 3, *fields)
             level = (
                 zs / here.open_count
                 if self.floating and self.pressure is None
@@ -310,7 +322,7 @@ class Adhesive:
             beta = (
                 0.0
                 if restart or size <= 0
-                else max(0.0, (now - bz - before_excess * pull) / size)
+                else max(0.0, (now - bz - excess * pull) / size)
             )
             (slope,) = self.sums(cohesion.direction, 1, here.r, z, level, beta, d)
             ds = -pull + beta * ds
@@ -321,15 +333,19 @@ class Adhesive:
                 )
                 ds = -pull
                 slope += here.excess * ds
-            size, before, before_excess = now, here.r, here.excess
+            size = now
             there = self.step(here, d, ds, slope)
             if there is None:
                 if restart:
                     break
                 restart = True
                 continue
-            restart = False
-            here = there
+            if free:
+                self.spare.append(before)
+            free = here is not reached
+            if free and here.x is not x:
+                self.spare.append(here.x)
+            before, excess, here, restart = here.r, here.excess, there, False
             self.history.append(min(here.error, 1e300))
             if self.parted(here):
                 break
@@ -338,7 +354,7 @@ class Adhesive:
         self.ends = reached, here
         return here if here.error <= tolerance or self.parted(here) else reached
 
-    def weight(self, here: Iterate) -> Array:
+    def edge(self, here: Iterate) -> Array:
         """What directions are weighted by near the contact, at whose edge the response to a stress vanishes as the root
         of the distance."""
         touching = here.r == 0.0
@@ -367,10 +383,10 @@ class Adhesive:
         """The lowest point along the direction; None if none is lower."""
         if not slope < 0:
             return None
-        whole = d.astype(np.float32)
+        np.copyto(self.z, d, casting="same_kind")
         if ds:
-            whole[: self.shape[0], : self.shape[1]] += ds
-        spectrum = self.forward(whole)
+            self.z[: self.shape[0], : self.shape[1]] += ds
+        spectrum = self.forward(self.z)
         part = self.team.table(
             kernels.quadratic_form,
             spectrum.shape[0],
@@ -386,7 +402,7 @@ class Adhesive:
         if law.exponential or here.error < SHARP:
             length = self._newton(x, d, slope, curvature)
         for _ in range(HALVINGS):
-            out = np.empty_like(x)
+            out = self.empty()
             total, count = self.sums(
                 cohesion.move, 2, x, d, here.r, length, 0.0, shape, out
             )

@@ -149,18 +149,31 @@ def gradient(lo, hi, x, p, h, rise, mean, law, r, part):
 
 
 @kernel(**_OPTIONS)
-def products(lo, hi, r, before, z, shift, part):
-    """Take z off outside the working set (r = 0); part = (Σ (r − shift) z, Σ before z, Σ z) on it."""
+def weighted(lo, hi, r, x, edge, law, shape, weight, z):
+    """z = r times ``weight``, that of the ``edge``, and about (1 + slope of the stress)^-½ where the stress jumps, which
+    softens the rim, of stiffness near 1."""
+    for i in range(lo, hi):
+        columns = shape[1] if i < shape[0] and law.exponential is None else 0
+        for j in range(columns):
+            slope = attraction(max(x[i, j], 0.0), law)[2]
+            weight[i, j] = edge[i, j] * (1.0 - 0.8 * slope)
+            z[i, j] = r[i, j] * weight[i, j]
+        for j in range(columns, r.shape[1]):
+            weight[i, j] = edge[i, j]
+            z[i, j] = r[i, j] * edge[i, j]
+
+
+@kernel(**_OPTIONS)
+def products(lo, hi, r, before, weight, shift, z, part):
+    """z times ``weight``, 0 outside the working set (r = 0); part = (Σ (r − shift) z, Σ before z, Σ z)."""
     for i in range(lo, hi):
         a = b = c = 0.0
         for j in range(r.shape[1]):
-            if r[i, j] != 0.0:
-                value = z[i, j]
-                a += (r[i, j] - shift) * value
-                b += before[i, j] * value
-                c += value
-            else:
-                z[i, j] = 0.0
+            value = z[i, j] * weight[i, j] if r[i, j] != 0.0 else z.dtype.type(0)
+            a += (r[i, j] - shift) * value
+            b += before[i, j] * value
+            c += value
+            z[i, j] = value
         part[i, 0], part[i, 1], part[i, 2] = a, b, c
 
 

@@ -29,8 +29,8 @@ from chemage_contact.paths import (
 
 #: largest pixel in units of E*ρ²/w, the length of the zone of cohesion; measured, see ``docs/contact.md``
 COARSEST = 0.5
-#: tolerance on coarse grids, which is gone below tenfold, and iterations
-COARSE_TOLERANCE, COARSE_ITERATIONS = 0.1, 30
+#: tolerance on coarse grids, which must not open what the next one holds closed, and iterations
+COARSE_TOLERANCE, COARSE_ITERATIONS = {"apart": 2e-3, "contact": 1e-2}, 30
 #: a pixel is closed first if coarse ones around it are in so much of it, from surfaces apart: the start must not be beyond
 #: the equilibrium; else if they are in the rest
 CLOSED = 0.99
@@ -38,13 +38,12 @@ CLOSED = 0.99
 AT_EDGE = 1e-2
 #: pixels of the padded grid up to which the contact is solved from the other side, too, and the tolerance of that
 BOTH_SIDES, OTHER_TOLERANCE = 1 << 17, 1e-3
-#: errors of pixels over those without attraction, and how they grow with the pixel over the length of the zone of
-#: cohesion; calibrated (``tests/benchmarks/contact_errors.py intervals``)
-RIM = 2.0, 4.0
-#: the part of the work of adhesion by which the rim is held, over the same: that of the pull-off force of spheres, measured
-#: where that is no small ratio: then larger pixels stick no more. Of Dugdale's law it is 0.02; the rest is for the length
-#: over which its stress falls
-HELD = {"dugdale": 0.14, "exponential": 0.01}
+#: how the error of the area grows with the pixel over the length of the zone of cohesion; calibrated
+#: (``tests/benchmarks/contact_errors.py intervals``)
+RIM = 8.0
+#: the part of the pull-off force by which the rim is held, over the same, where the stress jumps: of spheres it is 0.02, the
+#: rest is for the length over which the stress falls
+HELD = 0.14
 #: energy by which a jump is lost on such a rim, over the pull-off force times the range of the attraction; measured too
 LOST = 0.5
 #: standard error of what a path gives, over its change on pixels of half the size: twice as large where the stress jumps,
@@ -146,7 +145,7 @@ class AdhesiveBEM(GridSolver):
             1 if self.is_nominally_flat(surface.get("periodic") != 0) else 4
         )
         # the rest is for kernels that a first run compiles (`tests/benchmarks/memory.py`)
-        estimate["bytes"] = max(estimate["bytes"], 150.0 * padded) + 3e7
+        estimate["bytes"] = max(estimate["bytes"], 165.0 * padded) + 3e7
         estimate["cpu_seconds"] += 0.05 + 1e-6 * padded * max(
             1.0, 1 - 0.3 * math.log10(self.tolerance / 1e-4)
         )
@@ -269,7 +268,7 @@ class AdhesiveBEM(GridSolver):
         for name in found.keys() - {"jumps"}:
             value, unit = found[name].value, found[name].unit
             scale = self.range if unit == "nm" else abs(value)
-            held = scale if unit == "nm" else HELD["dugdale"] * scale
+            held = scale if unit == "nm" else HELD * scale
             if name == "dissipated":
                 held = LOST * self.range * found["pull_off"].value
             change = other[name].value - value if other else math.nan
@@ -398,22 +397,6 @@ class AdhesiveBEM(GridSolver):
             return found.rise
         return problem.uniform - float((problem.h + found.x[:nx, :ny]).mean())
 
-    def _pixels(self, size: float, pressure: np.ndarray) -> dict[str, float]:
-        """How many times the errors of pixels of ``size`` nm are those without attraction, and the part of the area by
-        which the rim is held where pixels are not small beside the zone of cohesion: a³ of a sphere without load is
-        proportional to the work of adhesion, less where tension is less than what presses."""
-        if not self.work_of_adhesion:
-            return {}
-        coarse = size / self._zone
-        pressed = float(pressure.sum(where=pressure > 0))
-        tension = pressed - float(pressure.sum())
-        held = HELD[self.law] * coarse * tension / pressed if pressed else 0.0
-        return {
-            "pixel_factor": RIM[0] + RIM[1] * coarse,
-            "sticking": 2 / 3 * held,
-            "attraction": self.work_of_adhesion / self.range,
-        }
-
     def _iteration(self, problem: Adhesive, size: float) -> dict[str, Any]:
         """What the last tenth of the residual changed: of the pressure relatively, of the measures in their units."""
         if problem.ends is None:
@@ -484,7 +467,9 @@ class AdhesiveBEM(GridSolver):
             if not adheres:
                 here.law = here.law._replace(work=0.0)
             start = self._first(here, last)
-            found = here.minimise(*start, COARSE_TOLERANCE, COARSE_ITERATIONS)
+            found = here.minimise(
+                *start, COARSE_TOLERANCE[self.start], COARSE_ITERATIONS, 1.0
+            )
             last = None if here.parted(found) else (here, found)
         return self._first(problem, last)
 
@@ -522,6 +507,10 @@ class AdhesiveBEM(GridSolver):
         pressure = (
             np.ascontiguousarray(found.p[:nx, :ny]) + found.mean
         ) * self.modulus
+        attracts = {}
+        if self.work_of_adhesion:
+            attracts["attraction"] = self.work_of_adhesion / self.range
+            attracts["pixel_factor"] = 1 + RIM * size / self._zone
         flow = None
         if self.hardness is not None:
             np.minimum(pressure, self.hardness, out=pressure)
@@ -586,7 +575,7 @@ class AdhesiveBEM(GridSolver):
             convergence={
                 "tolerance": self.tolerance,
                 **self._iteration(problem, size),
-                **self._pixels(size, pressure),
+                **attracts,
                 "force_error": abs(force - load) / borne
                 if load is not None and borne
                 else 0.0,

@@ -74,6 +74,17 @@ def test_a_contact_that_flows_has_the_area_that_bears_its_load(seed, over):
     assert contact.quantity("area").low >= load / over * (1 - 1e-9)
 
 
+def test_the_interval_of_an_area_is_about_the_one_without_the_excess_of_its_rim():
+    """Two-sided: it does not end at the area of the pixels, which is too large."""
+    contact = ca.contact("fft-bem", modulus=E).solve(rough(3), "100 nN")
+    area, corrected = contact.quantity("area"), contact.quantity("corrected_area")
+    assert area.low < corrected.value < area.high < area.value
+    assert (corrected.low, corrected.high) == (area.low, area.high)
+    down, up = contact.errors["area"]["pixel"]
+    assert up < 0 < down
+    assert area.errors["pixel"].size == pytest.approx((area.high - area.low) / 4, rel=0.05)
+
+
 @pytest.mark.parametrize("over", [1.001, *(pytest.param(over, marks=pytest.mark.long) for over in (1.01, 1.1))])
 def test_single_precision_near_full_yield_knows_its_error(over):
     surface = rough(1, 128, rms_slope=0.4)

@@ -117,6 +117,7 @@ def test_full_and_empty_contact(shape):
     full, empty = np.ones(shape, bool), np.zeros(shape, bool)
     assert patches.perimeter(full, 1.0, True) == 0
     assert patches.perimeter(full, 1.0, False) == 2 * sum(shape)
+    assert patches.perimeter(full, 1.0, False, border=False) == 0
     assert patches.patches(full, True).sizes.tolist() == [math.prod(shape)]
     assert patches.perimeter(empty, 1.0, True) == patches.perimeter(empty, 1.0, False) == 0
     assert patches.patches(empty, True).count == 0
