@@ -106,12 +106,12 @@ class Segment:
     load: float | str | None
     #: K; None: of the scene
     temperature: float | None
-    #: K at the end, to which it goes linearly in time; None: it stays
-    heated: float | None
     #: nm/s
     speed: float
     #: nN/nm, or "rigid"; None: of the drive
     spring: float | str | None
+    #: K at the end, to which it goes linearly in time; None: it stays
+    heated: float | None = None
 
     def temperatures(self, otherwise: float) -> np.ndarray:
         """(m,) K at its times; ``otherwise`` where it has none."""
@@ -149,7 +149,7 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         else:
             back = np.arange(step.points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
-        yield Segment(begin + passed, load, temperature, heated, speed, spring)
+        yield Segment(begin + passed, load, temperature, speed, spring, heated)
         begin, temperature = begin + span, heated or temperature
         if not math.isfinite(begin):
             raise ValueError(f"step {number}: ends beyond the range of numbers")
