@@ -9,11 +9,6 @@ from chemage_history.stages import STAGES as STAGES
 
 if TYPE_CHECKING:
     from chemage_history.programme import Programme as Programme
-    from chemage_history.protocols import Heating as Heating
-    from chemage_history.protocols import LoadSteps as LoadSteps
-    from chemage_history.protocols import SlideHoldSlide as SlideHoldSlide
-    from chemage_history.protocols import Steps as Steps
-    from chemage_history.protocols import VelocitySteps as VelocitySteps
     from chemage_history.steps import HistoryStep as HistoryStep
     from chemage_history.steps import Protocol as Protocol
     from chemage_history.steps import Slider as Slider

@@ -55,14 +55,10 @@ class SlideHoldSlide(Protocol):
     """by which the drive moves each time, nm: so far that sliding becomes steady"""
     holds: tuple[Time, ...] = Field(min_length=1)
     """hold times, s"""
-    points: int = Field(default=100, ge=2, le=100_000)
-    """times that are recorded of each slide; default: 100"""
 
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
-        slide = HistoryStep(
-            speed=self.speed, distance=self.distance, points=self.points
-        )
+        slide = HistoryStep(speed=self.speed, distance=self.distance)
         rests = (HistoryStep(speed=0.0, duration=hold) for hold in self.holds)
         return [slide, *(step for rest in rests for step in (rest, slide))]
 
@@ -99,13 +95,10 @@ class VelocitySteps(Protocol):
     """of the drive, nm/s"""
     distance: Length
     """by which the drive moves at each speed, nm: so far that sliding becomes steady"""
-    points: int = Field(default=100, ge=2, le=100_000)
-    """times that are recorded of each speed; default: 100"""
 
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
-        same: dict[str, Any] = {"distance": self.distance, "points": self.points}
-        return [HistoryStep(speed=speed, **same) for speed in self.speeds]
+        return [HistoryStep(speed=v, distance=self.distance) for v in self.speeds]
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
         """See :meth:`Protocol.measure`."""
@@ -134,8 +127,6 @@ class LoadSteps(Protocol):
     """forces (nN) or nominal pressures"""
     durations: tuple[Time, ...] = Field(min_length=1)
     """time under each, s"""
-    points: int = Field(default=20, ge=1, le=100_000)
-    """times that are recorded of each, as in a step; default: 20"""
 
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
@@ -144,7 +135,7 @@ class LoadSteps(Protocol):
                 f"{len(self.durations)} durations, {len(self.loads)} loads"
             )
         return [
-            HistoryStep(load=load, duration=span, points=self.points)
+            HistoryStep(load=load, duration=span)
             for load, span in zip(self.loads, self.durations, strict=True)
         ]
 
@@ -168,14 +159,12 @@ class Heating(Protocol):
     """K"""
     duration: Time
     """time at each, s"""
-    points: int = Field(default=20, ge=1, le=100_000)
-    """times that are recorded of each, as in a step; default: 20"""
 
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
-        same: dict[str, Any] = {"duration": self.duration, "points": self.points}
         return [
-            HistoryStep(temperature=kelvin, **same) for kelvin in self.temperatures
+            HistoryStep(temperature=kelvin, duration=self.duration)
+            for kelvin in self.temperatures
         ]
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:

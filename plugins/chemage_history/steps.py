@@ -81,9 +81,9 @@ class HistoryStep(Component):
     """a force (nN) or a nominal pressure; first: that of the scene"""
     temperature: Temperature | Towards | None = None
     """K, or ``{to = ...}``, a ramp from that before, which is followed exactly; first: that of ``[hold]``"""
-    points: int = Field(default=20, ge=1, le=100_000)
+    points: int | None = Field(default=None, ge=1, le=100_000)
     """times that are recorded besides its beginning: at rest 5 per decade, counted back from the end; else evenly;
-    default: 20"""
+    default: 20 at rest, else 100"""
 
     @field_validator("load")
     @classmethod
@@ -144,10 +144,11 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         if step.distance is not None and not speed:
             raise ValueError(f"step {number}: a distance needs a speed")
         span = step.distance / speed if step.distance else step.duration or 0.0
+        points = step.points or (100 if speed else 20)
         if speed:
-            passed = np.linspace(0.0, span, step.points + 1)
+            passed = np.linspace(0.0, span, points + 1)
         else:
-            back = np.arange(step.points, 0, -1) - 1
+            back = np.arange(points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
         yield Segment(begin + passed, load, temperature, speed, spring, heated)
         begin, temperature = begin + span, heated or temperature

@@ -307,3 +307,25 @@ def test_protocols_expand_into_steps_and_say_what_they_measure():
     assert seen["healing_rate"].mean() > 0
     same = Programme(protocol=healed.component("protocol"), drive=healed.component("drive"))
     np.testing.assert_array_equal(same.times(), run.aging.hold_times)
+
+
+def test_loads_of_a_rough_contact_and_of_one_that_flows():
+    """A load that comes back gives the same elastic contact, so that sites that stay keep their bonds; one that has
+    flowed does not flow again."""
+    data = ca.load_scene("silica-patch").todict()
+    for name in ("fit", "observe"):
+        data.pop(name, None)
+    data["surface"] |= {"pixels": 64, "zeta": 10}
+    data["contact"]["load"] = 50.0
+    data["hold"] = {"replicas": 2, "temperature": 300}
+    steps = [{"duration": 10}, {"load": 100, "duration": 1e-12}, {"load": 50, "duration": 1e-12}]
+    seen = ca.run({**data, "step": steps}, warn=False).aging.observables
+    assert seen["step_area"][0, 1] > seen["step_area"][0, 0] == seen["step_area"][0, 2]
+    np.testing.assert_array_equal(seen["bonds_0"], seen["bonds_2"])
+    protocol = {"kind": "load-steps", "loads": [50, 100, 50], "durations": [1, 1, 1]}
+    data["contact"]["hardness"] = 3.0
+    seen = ca.run({**data, "protocol": protocol}, warn=False).aging.observables
+    # the surface that 100 nN has flattened touches more than before
+    assert seen["step_area"][0, 0] < seen["step_area"][0, 2] < seen["step_area"][0, 1]
+    assert (seen["dip_2"] == 0).all()
+    assert seen["step_lost"][:, 2].max() > 0

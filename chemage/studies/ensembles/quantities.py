@@ -24,6 +24,7 @@ from chemage.ageing.fitting import (
     line_slopes,
     why_not_fitted,
 )
+from chemage.ageing.hooks import method_of
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError, nearest
@@ -143,7 +144,10 @@ class Quantities:
         )
         names = tuple(name for name in measures if name not in GIVEN)
         load = scene.given_load("a mean over surfaces")
-        return cls(times, load, (scene.fit.start, scene.fit.stop), names)
+        method = method_of(scene.parts)
+        fits = method is None or not method.unfitted
+        window = (scene.fit.start, scene.fit.stop) if fits else (math.inf, math.inf)
+        return cls(times, load, window, names)
 
     @property
     def fitted(self) -> np.ndarray:
