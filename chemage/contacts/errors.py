@@ -48,13 +48,13 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: patch, whose pixels are not independent, and for a free surface that touches at its edge. Those of other measures are
 #: about a value that is higher by the first of OF_RIM, and have the second as half width, times (e + c)^1.5 and the
 #: measure; of the approach, the larger of itself and of √(area of a patch) times largest pressure over E*. To that comes by
-#: how much the largest pressure may be exceeded between two pixels, above the approach the highest point of the surface
-#: (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN (e + c). Where a free surface touches
-#: at its edge, the approach is half as well known, and rms and largest pressure have no limit; half as well known is the rms
-#: pressure of a single patch. Where bodies attract each other, pressures count as their largest attraction at least
-#: (``convergence["attraction"]``), and half widths but that of the area are 1 + PULLED·t as large, t being tension over
-#: pressure. A solver whose rim is less well known multiplies RIM by ``convergence["pixel_factor"]``
-OVER, RIM, COUNT, FLOWN, PULLED = 0.05, 0.09, 0.5, 0.15, 5.0
+#: how much the largest pressure may be exceeded between two pixels, above the approach TOP of what pixels miss of the
+#: highest point (``convergence["summit"]``), and where material flows, for the rms pressure, FLOWN (e + c). Where a free
+#: surface touches at its edge, the approach is half as well known, and rms and largest pressure have no limit; half as well
+#: known is the rms pressure of a single patch. Where bodies attract each other, pressures count as their largest attraction
+#: at least (``convergence["attraction"]``), and half widths but that of the area are 1 + PULLED·t as large, t being tension
+#: over pressure. A solver whose rim is less well known multiplies RIM by ``convergence["pixel_factor"]``
+OVER, RIM, COUNT, FLOWN, PULLED, TOP = 0.05, 0.09, 0.5, 0.15, 5.0, 0.7
 OF_RIM = {
     "max_pressure": (0.12, 0.35),
     "rms_pressure": (0.05, 0.14),
@@ -133,7 +133,7 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
     scales = {
         "max_pressure": (highest, contact.missed_peak, 0.0),
         "rms_pressure": (rms, FLOWN * flows * rim * rms, 0.0),
-        "displacement": (approach, 0.0, told.get("summit", 0.0)),
+        "displacement": (approach, 0.0, TOP * told.get("summit", 0.0)),
     }
     for name, (scale, more, higher) in scales.items():
         shift, half = (part * rim**1.5 * scale for part in OF_RIM[name])
