@@ -527,9 +527,10 @@ def compared(
             problem.values[out], values.mean(axis=0), covariance
         )
         done += 1
+    middle = np.median(samples.positions, axis=0, keepdims=True)
     data = Linear(
         model.grid,
-        *problem.at(np.median(samples.positions, axis=0)),
+        *problem.at(problem.unknowns.weights(middle)[0]),
         problem.values,
         problem.errors,
         model.unknowns.factor,

@@ -87,6 +87,12 @@ class Prior:
             for strength in STRENGTHS
         ]
 
+    @cached_property
+    def parts(self) -> np.ndarray:
+        """(choices, 3) numbers of the smoothness, the length and the strength of every choice."""
+        sizes = len(SMOOTHNESSES), len(LENGTHS), STRENGTHS.size
+        return np.indices(sizes).reshape(3, -1).T
+
     def covariance(self, choice: int) -> np.ndarray:
         """(n, n) 1/eV²."""
         smoothness, length, strength = self.combinations[choice]
@@ -371,9 +377,8 @@ class Problem:
         """(m,) standard errors where a chain begins."""
         return self.noise.errors(self.state or self.noise.start)
 
-    def at(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m, n) and (m,): matrix and offset for the scalars at ``position`` (d,)."""
-        weights = self.unknowns.weights(position[None])[0]
+    def at(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m, n) and (m,): matrix and offset with these ``weights`` (g,) of the coefficients."""
         return summed(weights, self.matrices), summed(weights, self.offsets)
 
     def settled(self, state: State) -> Problem:
