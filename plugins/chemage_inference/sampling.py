@@ -20,7 +20,7 @@ from chemage_inference import kernels
 from chemage_inference.noise import State
 from chemage_inference.open import effective as effective_samples
 from chemage_inference.open import r_hat
-from chemage_inference.problem import LEVEL, STRENGTHS, Problem, values_of
+from chemage_inference.problem import LEVEL, LOAD, STRENGTHS, Problem, values_of
 
 #: chains; sweeps of each before samples are kept, in stages after each of which all chains learn from all
 CHAINS, WARM, STAGES = 4, 160, 4
@@ -397,6 +397,17 @@ class Chain:
         return np.array([*before, *shared], dtype=float)
 
     @cached_property
+    def _scaling(self) -> np.ndarray:
+        """(k,) changes of the scalars by which all values rise by a factor e: of common factors, or else of the load."""
+        direction, axes = self._common.copy(), self.problem.unknowns.axes
+        if LOAD in axes and not direction.any():  # the last axis
+            last = axes[LOAD].size - 1
+            sums = self.problem.matrices.sum(axis=(1, 2)).reshape(-1, last + 1)
+            rise = np.log(sums[:, last].sum() / sums[:, 0].sum())
+            direction[len(axes) - 1] = last / rise
+        return direction
+
+    @cached_property
     def _rises(self) -> np.ndarray:
         """(k,) by how much the logarithms of all values rise on average with each scalar, those on the grid left out."""
         noise, unknowns = self.noise, self.problem.unknowns
@@ -434,15 +445,16 @@ class Chain:
         self._known[-1] = np.nan
 
     def _step(self) -> np.ndarray:
-        """(k,) by which scalars move: a difference of earlier values, or of one of them, as in its prior."""
+        """(k,) by which scalars move: a difference of earlier values or as far as the prior is wide, all or one."""
         rng, size, count = self.rng, self._widths.size, len(self.guide.scalars)
-        if count > 1 and rng.random() < 0.7:
+        kind = rng.random() if count else 1.0
+        step = self._widths * rng.standard_normal(size)
+        if kind < 0.75:
             one, other = self.guide.scalars[rng.integers(count, size=2)]
             step = one - other
-        else:
-            step = self._widths * rng.standard_normal(size)
+        if kind > 0.4:
             step *= np.arange(size) == rng.integers(size)
-        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 1))
+        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 0))
 
     def _moved_scalars(self) -> None:
         """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
@@ -464,10 +476,11 @@ class Chain:
         An open density is scaled to one whose integral is about 1; the probability with which that leads back is a
         further row of the open model.
         """
-        rng, direction = self.rng, self._common
+        rng, direction = self.rng, self._scaling
         if not direction.any():
             return
-        width = float(self._widths @ direction / direction.sum())
+        there = direction != 0
+        width = float(np.mean(self._widths[there] / direction[there]))
         if self.complete:
             step = width * abs(rng.standard_normal())
             integral = np.exp(-step)
