@@ -182,6 +182,7 @@ def _truths(model: Model, count: int, seed: int) -> np.ndarray:
         np.random.default_rng([seed, 151]),
     )
     warm([chain], 800)
+    chain.forget()
     chain.run(count * APART)
     densities = np.array(chain.densities[APART - 1 :: APART])
     wide = grid.wider(*REACH)

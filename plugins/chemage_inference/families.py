@@ -20,7 +20,7 @@ from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
 from chemage_inference.problem import REACH, Linear, Prior, Problem
 from chemage_inference.result import UnexplainedError
-from chemage_inference.sampling import MOST_SWEEPS, Samples, sample
+from chemage_inference.sampling import MOST_SWEEPS, Guide, Samples, sample
 
 #: weights of the penalty on the second derivative that are tried, from strong to weak
 WEIGHTS = np.geomspace(1.0, 1e-7, 15)
@@ -349,7 +349,11 @@ def sampled(
 
 
 def short(
-    problem: Problem, start: np.ndarray, seed: int, threads: int | None
+    problem: Problem,
+    start: np.ndarray,
+    seed: int,
+    threads: int | None,
+    guide: Guide | None = None,
 ) -> Samples:
     """Fewer samples, where their mean and covariance are enough."""
     return sample(
@@ -357,8 +361,10 @@ def short(
         start,
         samples=SHORT,
         seed=seed,
-        sweeps=SHORT_SWEEPS,
+        # chains that are guided need not learn
+        sweeps=SHORT_SWEEPS // (2 if guide else 1),
         threads=threads,
+        guide=guide,
     )
 
 
@@ -518,6 +524,7 @@ def compared(
             np.where(mean > 1e-3, mean, -0.1),
             model.seed + 100 + int(block),
             threads,
+            samples.guide,
         )
         values = few.fitted(problem)[:, out]
         covariance = np.atleast_2d(np.cov(values.T)) + np.diag(

@@ -23,7 +23,7 @@ from chemage_inference.open import r_hat
 from chemage_inference.problem import LEVEL, LOAD, STRENGTHS, Problem, values_of
 
 #: chains; sweeps of each before samples are kept, in stages after each of which all chains learn from all
-CHAINS, WARM, STAGES = 4, 160, 4
+CHAINS, WARM, STAGES = 4, 120, 4
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 250, 1.03, 4000
 #: R-hat of unknown scalars at which sampling ends
@@ -34,7 +34,7 @@ STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
 #: passes over the density in a sweep, and moves of scalars in each
-PASSES, MOVED = 2, 3
+PASSES, MOVED = 2, 5
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
 #: sets of positive nodes that directions are drawn with, at most
@@ -109,7 +109,11 @@ class Chain:
         self.processes: list[np.ndarray] = []
         self.places: list[ChainPosition] = []
         nothing = np.zeros((0, start.size))
-        self.guide = guide or Guide(nothing, nothing)
+        guide = guide or Guide(nothing, nothing)
+        # of a problem that may have more points and more scalars
+        size = self.scalars(self.place).size
+        patterns = [_Pattern(one.positive, self.place) for one in guide.patterns]
+        self.guide = Guide(guide.archive, guide.scalars[:, :size], patterns)
         self._last: Any = None, None, None
         # what kernels.moved knows of the present place; nan at last: nothing
         self._known = np.full(start.size + 1, np.nan)
@@ -123,6 +127,11 @@ class Chain:
             self.step()
             self.processes.append(self.x.copy())
             self.places.append(self.place)
+
+    def forget(self) -> None:
+        """Keep none of the sweeps that were made."""
+        self.processes.clear()
+        self.places.clear()
 
     @property
     def densities(self) -> np.ndarray:
@@ -633,7 +642,12 @@ def sample(
         for number in range(CHAINS)
     ]
     workers = min(threads or processors.available(), CHAINS)
-    warm(chains, min(WARM, sweeps), workers)
+    if guide:
+        run(chains, min(WARM, sweeps) // STAGES, workers)
+    else:
+        warm(chains, min(WARM, sweeps), workers)
+    for chain in chains:
+        chain.forget()
     done, more = 0, min(2 * each, max(sweeps, each))
     while True:
         if progress:
@@ -691,9 +705,6 @@ def warm(chains: Sequence[Chain], sweeps: int, workers: int = 1) -> None:
         )
         for chain in chains:
             chain.guide = guide
-    for chain in chains:
-        chain.processes.clear()
-        chain.places.clear()
 
 
 def _errors(chain: Chain, place: ChainPosition) -> np.ndarray:

@@ -91,6 +91,7 @@ def truths(model: Model, prior: Prior, count: int, seed: int) -> np.ndarray:
     start = np.full(model.grid.count, 0.3 / model.grid.areas.sum())
     chain = sampling.Chain(problem, start, np.random.default_rng([seed, 151]))
     sampling.warm([chain], 400)
+    chain.forget()
     chain.run(40 * count)
     return np.array(chain.densities[39::40])
 

@@ -116,6 +116,7 @@ def test_instruments_have_calibrations_of_their_own():
     )  # fmt: skip
     chain = Chain(made, np.ones(3), np.random.default_rng(1))
     warm([chain], 200)
+    chain.forget()
     chain.run(6000)
     drawn = np.array([place.state.nuisances for place in chain.places])
     assert (drawn[:, 0] - drawn[:, 1]).mean() == pytest.approx(np.log(1.1 / 0.9), abs=0.006)
