@@ -362,9 +362,7 @@ class Chain:
         low, high = unknowns.factor or (0.0, 0.0)
         log_prior = unknowns.log_prior(position)
         if not low <= log_factor <= high or not np.isfinite(log_prior):
-            return ChainPosition(
-                position, log_factor, state, np.zeros(0), -np.inf
-            )
+            return ChainPosition(position, log_factor, state, np.zeros(0), -np.inf)
         away = state.nuisances / self.noise.widths
         log_prior -= 0.5 * float(away @ away)
         weights = unknowns.weights(position[None])[0]
@@ -469,11 +467,7 @@ class Chain:
         """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
         rng, unknowns = self.rng, self.problem.unknowns
         place, shift = self._at(self.scalars(self.place) + self._step()), 0
-        if (
-            unknowns.axes
-            and rng.random() < 0.5
-            and place.log_prior > -np.inf
-        ):
+        if unknowns.axes and rng.random() < 0.5 and place.log_prior > -np.inf:
             rise = float((place.weights - self.place.weights) @ self._energies)
             # rounded up or down at random, the move back is as probable
             shift = int(np.floor(rise + rng.random()))
@@ -632,8 +626,9 @@ def sample(
 ) -> Samples:
     """At least ``samples`` samples of the posterior from chains that begin near ``start`` (n,).
 
-    They first learn how to move, or only forget the start if a ``guide`` is given. They are continued until the ``watched`` nodes (n,) have :data:`ENOUGH` effective samples and agree, or
-    each has made ``sweeps`` sweeps; of the sweeps, evenly spaced ones are kept.
+    They first learn how to move, or only forget the start if a ``guide`` is given. They are continued until the
+    ``watched`` nodes (n,) and all scalars have :data:`ENOUGH` effective samples and agree, or each has made ``sweeps``
+    sweeps; of the sweeps, evenly spaced ones are kept.
     """
     each = -(-samples // CHAINS)
     watched = np.ones(start.size, dtype=bool) if watched is None else watched

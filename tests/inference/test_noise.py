@@ -19,6 +19,7 @@ from inferring import (
     Problem,
     State,
     effective,
+    warm,
 )
 
 import chemage as ca
