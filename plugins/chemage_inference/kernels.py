@@ -453,14 +453,13 @@ def moved(
     areas,
     limits,
     gumbels,
-    shift,
     known,
 ):
     """Draw among ``choices`` (k,) of the prior and models of the measurements, at fixed v and fixed signs.
 
     Changes ``x`` (n,) in place and returns which was drawn, from 0; the first is the present one. ``gumbels`` (k,) are
     standard Gumbel numbers and what the logarithm of the probability has besides. ``matrices`` (1 or k, n, m),
-    ``targets`` and ``limits``: one model, or one for each choice, to which v and signs move by ``shift`` nodes. ``known``
+    ``targets`` and ``limits``: one model, or one for each choice. ``known``
     (n + 1,): log v and the logarithm of the density of the present one, or at last nan; afterwards those of the one
     drawn. The others are those of :func:`log_priors` and :func:`log_misfit`.
     """
@@ -478,8 +477,6 @@ def moved(
             log_shares[:] = known[:n]
             best = gumbels[k] + known[n]
             continue
-        if k == 1:
-            signs, log_shares = np.roll(signs, shift), np.roll(log_shares, shift)
         if k < len(matrices):
             places, pull = np.flatnonzero(signs > 0.0), target.copy()
             seen = matrix[places]

@@ -8,7 +8,7 @@ values, so that they follow the ridges of their posterior (ter Braak, Stat. Comp
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -37,8 +37,6 @@ COMPLETE, LIMIT = 0.003, 1.02
 PASSES, MOVED = 2, 5
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
-#: sets of positive nodes that directions are drawn with, at most
-PATTERNS = 8
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
 ARCHIVE, BUMPS = 200, 2000
 #: derivatives of a bump that serve as directions, from the 0th
@@ -61,26 +59,12 @@ class ChainPosition(NamedTuple):
     log_prior: float
 
 
-@dataclass(eq=False)
-class _Pattern:
-    """A set of positive nodes; the posterior for it is nearly normal under every choice of the prior."""
+class Guide(NamedTuple):
+    """What chains have learnt of the posterior, whose differences are directions; they are valid whatever it is."""
 
-    #: (n,) 1 where positive
-    positive: np.ndarray
-    #: where it is tabulated
-    place: ChainPosition
-    #: choice, and whether the density is complete -> (n, n) lower factor of the inverse covariance
-    factors: dict[tuple[int, bool], np.ndarray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Guide:
-    """What chains have learnt of the posterior: moves follow it, and are valid whatever it is."""
-
-    #: (A, n) densities, and (B, k) scalars, whose differences are directions
+    #: (A, n) densities, and (B, k) scalars
     archive: np.ndarray
     scalars: np.ndarray
-    patterns: Sequence[_Pattern] = ()
 
 
 class Chain:
@@ -109,11 +93,7 @@ class Chain:
         self.processes: list[np.ndarray] = []
         self.places: list[ChainPosition] = []
         nothing = np.zeros((0, start.size))
-        guide = guide or Guide(nothing, nothing)
-        # of a problem that may have more points and more scalars
-        size = self.scalars(self.place).size
-        patterns = [_Pattern(one.positive, self.place) for one in guide.patterns]
-        self.guide = Guide(guide.archive, guide.scalars[:, :size], patterns)
+        self.guide = guide or Guide(nothing, nothing)
         self._last: Any = None, None, None
         # what kernels.moved knows of the present place; nan at last: nothing
         self._known = np.full(start.size + 1, np.nan)
@@ -219,36 +199,16 @@ class Chain:
 
     # -- the density --------------------------------------------------------------------------------------------------
 
-    def _factor(self, pattern: _Pattern) -> np.ndarray:
-        """(n, n) lower factor L of the inverse covariance of a pattern, under the present choice of the prior."""
-        key = self.choice, self.complete
-        if key not in pattern.factors:
-            matrix, *_ = self._made_rows(pattern.place, self._integral)
-            seen = matrix * pattern.positive[:, None]
-            pattern.factors[key] = algebra.cholesky(
-                self.problem.prior.precisions[0][self.choice]
-                + algebra.product(seen, seen.T)
-            )
-        return pattern.factors[key]
-
     def _directions(self, count: int) -> np.ndarray:
-        """(count, n): bumps of all widths, and their derivatives, which keep the integral, the mean and so on; as wide
-        as the posterior is in them, if the nodes that are positive were those of an earlier sample; and differences of
-        earlier samples."""
-        nodes, rng = self.problem.prior.nodes, self.rng
-        archive, patterns = self.guide.archive, self.guide.patterns
-        others = between = count // 6 if patterns else 0
-        bumps = count - others - between
-        parts = [self._bumps[rng.integers(BUMPS, size=bumps)]]
-        if others:
-            factor = self._factor(patterns[rng.integers(len(patterns))])
-            parts.append(
-                kernels.solved(factor, rng.standard_normal((others, nodes.size)))
-            )
-        if between:
-            pairs = rng.integers(len(archive), size=(between, 2))
-            parts.append(archive[pairs[:, 0]] - archive[pairs[:, 1]])
-        return np.ascontiguousarray(np.concatenate(parts))
+        """(count, n): bumps of all widths, and their derivatives, which keep the integral, the mean and so on; and
+        differences of earlier samples."""
+        rng, archive = self.rng, self.guide.archive
+        between = count // 3 if len(archive) else 0
+        bumps = self._bumps[rng.integers(BUMPS, size=count - between)]
+        if not between:
+            return bumps
+        pairs = rng.integers(len(archive), size=(2, between))
+        return np.concatenate([bumps, np.subtract(*archive[pairs])])
 
     @cached_property
     def _bumps(self) -> np.ndarray:
@@ -319,7 +279,6 @@ class Chain:
         rows: list[tuple[np.ndarray, np.ndarray, float]],
         limits: list[float],
         gumbels: np.ndarray,
-        shift: int = 0,
     ) -> int:
         """Which of the choices and models is drawn, with a density that adapts to it."""
         matrices, targets, _ = zip(*rows, strict=True)
@@ -333,7 +292,6 @@ class Chain:
             self.problem.areas,
             np.array(limits),
             gumbels,
-            shift,
             self._known,
         )
 
@@ -386,13 +344,6 @@ class Chain:
         if unknowns.factor is not None:
             spans.append(unknowns.factor[1] - unknowns.factor[0])
         return np.append(0.3 * np.array(spans), self.noise.widths)
-
-    @cached_property
-    def _energies(self) -> np.ndarray:
-        """(g,) nodes below the energies that react within the hold times, but for a constant."""
-        matrices = self.problem.matrices
-        most = np.maximum(np.abs(matrices).max(axis=2), 1e-300)
-        return (matrices.sum(axis=2) / most).mean(axis=1)
 
     @cached_property
     def _common(self) -> np.ndarray:
@@ -458,20 +409,15 @@ class Chain:
         step = self._widths * rng.standard_normal(size)
         if kind < 0.75:
             one, other = self.guide.scalars[rng.integers(count, size=2)]
-            step = one - other
+            step = (one - other)[:size]
         if kind > 0.4:
             step *= np.arange(size) == rng.integers(size)
         return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 0))
 
     def _moved_scalars(self) -> None:
-        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
-        rng, unknowns = self.rng, self.problem.unknowns
-        place, shift = self._at(self.scalars(self.place) + self._step()), 0
-        if unknowns.axes and rng.random() < 0.5 and place.log_prior > -np.inf:
-            rise = float((place.weights - self.place.weights) @ self._energies)
-            # rounded up or down at random, the move back is as probable
-            shift = int(np.floor(rise + rng.random()))
-        self._tried(place, 0.0, (self._integral, self._integral), shift)
+        """Move the scalars, or stay, with a density that adapts to them."""
+        place = self._at(self.scalars(self.place) + self._step())
+        self._tried(place, 0.0, (self._integral, self._integral))
 
     def _completed(self) -> None:
         """Complete the density with a smaller common factor, or open it with a larger one, at about equal values.
@@ -507,7 +453,6 @@ class Chain:
         place: ChainPosition,
         gain: float,
         integrals: tuple[float | None, float | None],
-        shift: int = 0,
     ) -> None:
         """Move to ``place``, or stay, with a density that adapts; ``gain`` is that of the proposal, logarithmic.
 
@@ -532,7 +477,7 @@ class Chain:
             return
         other = self.choice - self.choice % STRENGTHS.size + strength
         choices, gumbels = np.array([self.choice, other]), np.array([0.0, gain])
-        if self._adapted(choices, rows, limits, gumbels, shift):
+        if self._adapted(choices, rows, limits, gumbels):
             self.place, self.complete = place, self.complete != flips
             self.choice = other
             self._last = place, integrals[1], rows[1]
@@ -692,11 +637,9 @@ def warm(chains: Sequence[Chain], sweeps: int, workers: int = 1) -> None:
         half = len(chains[0].places) // 2
         places = [place for chain in chains for place in chain.places[half:]]
         processes = np.concatenate([chain.processes[half:] for chain in chains])
-        chosen = np.linspace(0, len(places) - 1, PATTERNS).astype(int)
         guide = Guide(
             processes[:: max(len(processes) // ARCHIVE, 1)],
             np.array([chains[0].scalars(place) for place in places]),
-            [_Pattern((processes[at] > 0) + 0.0, places[at]) for at in chosen],
         )
         for chain in chains:
             chain.guide = guide
