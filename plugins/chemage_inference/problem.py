@@ -496,17 +496,13 @@ class Hidden:
     def _inside(self, place: np.ndarray) -> np.ndarray:
         return (place >= 0) & (place <= self.count - 1)
 
-    def at(self, peaks: Peaks, table: np.ndarray) -> np.ndarray:
-        """(S, ...) sums over the peaks of ``table`` (widths, positions, ...), interpolated between positions."""
+    def at(self, peaks: Peaks, tables: np.ndarray) -> np.ndarray:
+        """(S, m) sums over the peaks of ``tables`` (1 or S, widths, positions, m), interpolated between positions."""
         left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
-        part = peaks.place - left
-        shares = peaks.shares
-        lower = np.einsum(
-            "sk,sk...->s...", shares * (1 - part), table[peaks.width, left]
-        )
-        return lower + np.einsum(
-            "sk,sk...->s...", shares * part, table[peaks.width, left + 1]
-        )
+        part, row = (peaks.place - left)[..., None], np.arange(len(tables))[:, None]
+        lower, upper = (tables[row, peaks.width, at] for at in (left, left + 1))
+        each = (1 - part) * lower + part * upper
+        return np.einsum("sk,skm->sm", peaks.shares, each)
 
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
@@ -525,7 +521,7 @@ class Hidden:
         peaks = self.drawn(len(redrawn), rng)
         if data is not None:
             peaks = self._moved(peaks, redrawn, shares, data, rng)
-        redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes)
+        redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes[None])
         return redrawn
 
     def _moved(
@@ -554,15 +550,9 @@ class Hidden:
         tables = (
             algebra.product(data.weights, tables) if len(tables) > 1 else tables
         )
-        row = np.arange(len(base))[:, None] if len(tables) > 1 else 0
 
         def misfit(peaks: Peaks) -> np.ndarray:
-            at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
-            part = (peaks.place - at)[..., None]
-            each = (1 - part) * tables[row, peaks.width, at] + part * tables[
-                row, peaks.width, at + 1
-            ]
-            residual = base - scale * np.einsum("sk,skm->sm", peaks.shares, each)
+            residual = base - scale * self.at(peaks, tables)
             return 0.5 * (residual**2).sum(axis=1)
 
         here = misfit(peaks)

@@ -33,7 +33,7 @@ SCALARS_AGREED = 1.01
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
-#: passes over the density in a sweep, and moves of scalars in each
+#: passes over the density in a sweep, and moves of scalars in each; common factors need fewer
 PASSES, MOVED = 2, 5
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
@@ -126,7 +126,7 @@ class Chain:
             self._drawn_choice()
             if self._widths.size:
                 self._exchanged()
-                for _ in range(MOVED):
+                for _ in range(MOVED if not self._common.all() else 1):
                     self._moved_scalars()
         if self._widths.size:
             self._completed()
@@ -612,7 +612,7 @@ def sample(
         agreed = all(off <= end for _, off, end in found)
         if (effective >= ENOUGH and agreed) or done >= sweeps:
             break
-        more = min(done // 2, sweeps - done)
+        more = min(done // 4, sweeps - done)
     if progress:
         progress(sweeps, sweeps)
     kept = np.linspace(0, done - 1, each).round().astype(int)
