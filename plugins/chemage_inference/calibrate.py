@@ -46,7 +46,7 @@ from chemage_inference.problem import (
     redrawn_outside,
 )
 from chemage_inference.result import UnexplainedError, scene_of
-from chemage_inference.sampling import Chain
+from chemage_inference.sampling import Chain, warm
 
 #: sweeps of the prior between two truths, and of each chain of an inference; samples that are kept
 APART, SWEEPS, KEPT = 60, 1200, 400
@@ -181,7 +181,8 @@ def _truths(model: Model, count: int, seed: int) -> np.ndarray:
         np.full(grid.count, 0.3 / grid.areas.sum()),
         np.random.default_rng([seed, 151]),
     )
-    chain.warm(800)
+    warm([chain], 800)
+    chain.forget()
     chain.run(count * APART)
     densities = np.array(chain.densities[APART - 1 :: APART])
     wide = grid.wider(*REACH)

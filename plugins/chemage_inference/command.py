@@ -464,7 +464,7 @@ def _curves(
 
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
     for note in {
-        f"{curve.name}: {note}": 0 for curve in curves for note in curve.notes
+        f"{curve.name}: {note}": 0 for curve in curves for note in curve.remarks
     }:
         output.remark(f"note: {note}")
     return curves

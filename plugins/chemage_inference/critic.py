@@ -104,9 +104,7 @@ class Critic:
     def errors(self) -> np.ndarray:
         """(m,) nN."""
         one = self.one
-        off = 0.0 if one.off is None else one.off
-        stated = one.errors if one.stated_errors is None else one.stated_errors
-        return stated * (1 - off + off / WIDER**2) ** -0.5
+        return one.stated_errors * (1 - one.off + one.off / WIDER**2) ** -0.5
 
     def admits(self, kind: str, where: str = "") -> bool:
         """Whether the inference has a trouble among its unknowns."""

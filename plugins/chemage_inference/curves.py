@@ -118,6 +118,12 @@ class MeasuredCurve(Record):
             else self.errors * self.load
         )
 
+    @property
+    def remarks(self) -> list[str]:
+        """The notes, and whether a low temperature is one in °C."""
+        cold = units.celsius_meant("temperature", self.temperature)
+        return [*self.notes, *([cold] if cold else [])]
+
     @classmethod
     def of(
         cls,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
 from chemage_inference.problem import REACH, Linear, Prior, Problem
 from chemage_inference.result import UnexplainedError
-from chemage_inference.sampling import MOST_SWEEPS, Samples, sample
+from chemage_inference.sampling import MOST_SWEEPS, Guide, Samples, sample
 
 #: weights of the penalty on the second derivative that are tried, from strong to weak
 WEIGHTS = np.geomspace(1.0, 1e-7, 15)
@@ -349,7 +349,11 @@ def sampled(
 
 
 def short(
-    problem: Problem, start: np.ndarray, seed: int, threads: int | None
+    problem: Problem,
+    start: np.ndarray,
+    seed: int,
+    threads: int | None,
+    guide: Guide | None = None,
 ) -> Samples:
     """Fewer samples, where their mean and covariance are enough."""
     return sample(
@@ -357,8 +361,10 @@ def short(
         start,
         samples=SHORT,
         seed=seed,
-        sweeps=SHORT_SWEEPS,
+        # chains that are guided need not learn
+        sweeps=SHORT_SWEEPS // (2 if guide else 1),
         threads=threads,
+        guide=guide,
     )
 
 
@@ -372,8 +378,9 @@ NODES = 6
 
 @dataclass(frozen=True)
 class Family:
-    """A density with a few parameters θ."""
+    """A density with a few parameters θ, of which the last may be the logarithm of an unknown common factor."""
 
+    data: Linear
     parameters: tuple[str, ...]
     #: (E, θ) -> share of the barriers below E
     below: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -384,12 +391,70 @@ class Family:
 
     def density(self, grid: EnergyGrid, theta: np.ndarray) -> np.ndarray:
         """(n,) 1/eV: means over the cell of each node; what lies below the first is added to it."""
-        edges = np.concatenate(
-            [grid.nodes - grid.step / 2, [grid.nodes[-1] + grid.step / 2]]
-        )
+        edges = grid.nodes[0] + grid.step * (np.arange(grid.count + 1) - 0.5)
         share = np.diff(self.below(edges, theta))
         share[0] += self.below(edges[:1], theta)[0]
         return share / grid.areas
+
+    def predicted(self, theta: np.ndarray) -> np.ndarray:
+        """(m,) values."""
+        data = self.data
+        scale = 1.0 if data.factor is None else np.exp(theta[-1])
+        return scale * (data.offset + data.matrix @ self.density(data.grid, theta))
+
+    def slope(self, theta: np.ndarray) -> np.ndarray:
+        """(m, θ): change of the values with each parameter."""
+        steps = 1e-3 * np.eye(theta.size)
+        ends = [self.predicted(theta + step) for step in (*steps, *-steps)]
+        return np.subtract(*np.split(np.stack(ends, axis=1), 2, axis=1)) / 2e-3
+
+    def fit(self, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Parameters of least χ² among the points ``kept``, their covariance, and χ²."""
+        from scipy.optimize import least_squares
+
+        data, lower, upper = self.data, self.lower, self.upper
+
+        def residuals(theta: np.ndarray) -> np.ndarray:
+            return ((self.predicted(theta) - data.values) / data.errors)[kept]
+
+        starts = [np.clip(it, lower + 1e-6, upper - 1e-6) for it in self.starts]
+        starts.sort(key=lambda start: float(np.sum(residuals(start) ** 2)))
+        how: dict[str, Any] = {"bounds": (lower, upper), "max_nfev": 200}
+        fits = [
+            least_squares(
+                residuals, start, x_scale=np.maximum(np.abs(start), 0.05), **how
+            )
+            for start in starts[:4]
+        ]
+        best = min(fits, key=lambda fit: fit.cost)
+        theta, chi2 = best.x, 2 * float(best.cost)
+        slope = (self.slope(theta) / data.errors[:, None])[kept]
+        # what the data do not know is known to within the bounds
+        precision = slope.T @ slope + np.diag(12 / (upper - lower) ** 2)
+        # a fit that is off makes its own prediction uncertain
+        inflation = max(1.0, chi2 / max(int(kept.sum()) - theta.size, 1))
+        return theta, inflation * np.linalg.inv(precision), chi2
+
+    def about(self) -> dict[str, Any]:
+        """The fit to all points."""
+        theta, covariance, chi2 = self.fit(np.ones(self.data.values.size, bool))
+        errors, wide = np.sqrt(np.diag(covariance)), self.data.grid.wider(*REACH)
+        density = self.density(wide, theta)
+        if self.data.factor is not None:
+            theta[-1] = np.exp(theta[-1])
+            errors[-1] *= theta[-1]
+        return {
+            "parameters": dict(zip(self.parameters, theta.tolist(), strict=True)),
+            "errors": dict(zip(self.parameters, errors.tolist(), strict=True)),
+            "chi2": chi2,
+            "density": density.tolist(),
+        }
+
+    def beyond(self, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and covariance of the points ``out`` that the fit to all others predicts."""
+        theta, covariance, _ = self.fit(~out)
+        slope = self.slope(theta)[out]
+        return self.predicted(theta)[out], slope @ covariance @ slope.T
 
 
 def _uniform(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -397,7 +462,7 @@ def _uniform(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def _triangle(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    peak, left, right = theta
+    peak, left, right = theta[:3]
     rise = np.clip(energy - peak + left, 0, left) ** 2 / (left * (left + right))
     fall = np.clip(peak + right - energy, 0, right) ** 2 / (right * (left + right))
     return np.where(energy < peak, rise, 1 - fall)
@@ -409,58 +474,53 @@ def _gaussian(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return ndtr((energy - theta[0]) / theta[1])
 
 
-def _piecewise(low: float, high: float) -> Family:
-    nodes, count = np.linspace(low, high + 0.3, NODES), NODES - 1
-
-    def below(energy: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        heights = np.exp(np.append(theta, 0.0) - np.max(np.append(theta, 0.0)))
-        sums = np.concatenate(
-            [[0.0], np.cumsum((heights[1:] + heights[:-1]) / 2 * np.diff(nodes))]
-        )
-        place = np.clip(
-            np.searchsorted(nodes, energy, side="right") - 1, 0, NODES - 2
-        )
-        part = np.clip(energy - nodes[place], 0.0, np.diff(nodes)[place])
-        slope = np.diff(heights)[place] / np.diff(nodes)[place]
-        return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[
-            -1
-        ]
-
-    names = tuple(
-        f"log weight at {node:.3f} eV over that at {nodes[-1]:.3f} eV"
-        for node in nodes[:-1]
-    )
-    starts = [np.zeros(count), np.linspace(-2, 0, count), np.linspace(2, 0, count)]
-    return Family(names, below, starts, np.full(count, -8.0), np.full(count, 8.0))
+def _piecewise(
+    nodes: np.ndarray, energy: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    logs = np.append(theta[: NODES - 1], 0.0)
+    heights, steps = np.exp(logs - logs.max()), np.diff(nodes)
+    sums = np.append(0.0, np.cumsum((heights[1:] + heights[:-1]) / 2 * steps))
+    place = np.clip(np.searchsorted(nodes, energy, side="right") - 1, 0, NODES - 2)
+    part = np.clip(energy - nodes[place], 0.0, steps[place])
+    slope = np.diff(heights)[place] / steps[place]
+    return (sums[place] + heights[place] * part + slope * part**2 / 2) / sums[-1]
 
 
-def family(name: str, low: float, high: float) -> Family:
+def family(name: str, low: float, high: float, data: Linear) -> Family:
     """The family of a name; ``low`` to ``high`` are the energies that the data see, eV."""
     if name == "piecewise":
-        return _piecewise(low, high)
-    names, below, widths, lower, upper = {
-        "uniform": (("lowest (eV)", "width (eV)"), _uniform, (0.1, 0.4, 0.8), (-0.5, 0.01), (0.3, 3.0)),
-        "triangle": (
-            ("peak (eV)", "rise (eV)", "fall (eV)"), _triangle, (0.1, 0.4), (-0.3, 0.01, 0.01), (0.5, 2.0, 2.0)
-        ),
-        "gaussian": (
-            ("mean (eV)", "standard deviation (eV)"), _gaussian, (0.05, 0.2, 0.4), (-0.5, 0.005), (1.0, 1.5)
-        ),
-    }[name]  # fmt: skip
-    # the first parameter is an energy, the others are widths
-    count = len(names) - 1
-    starts = [
-        np.array([at, *([width] * count)])
-        for at in np.linspace(low, high, STARTS)
-        for width in widths
-    ]
-    return Family(
-        names,
-        below,
-        starts,
-        np.array([low + lower[0], *lower[1:]]),
-        np.array([high + upper[0], *upper[1:]]),
-    )
+        nodes, count = np.linspace(low, high + 0.3, NODES), NODES - 1
+        what = "log weight at {:.3f} eV over that at {:.3f} eV"
+        names = tuple(what.format(node, nodes[-1]) for node in nodes[:-1])
+        below = partial(_piecewise, nodes)
+        starts = [np.linspace(first, 0, count) for first in (0.0, -2.0, 2.0)]
+        lower, upper = np.full(count, -8.0), np.full(count, 8.0)
+    else:
+        names, below, widths, first, last = {
+            "uniform": (("lowest (eV)", "width (eV)"), _uniform, (0.1, 0.4, 0.8), (-0.5, 0.01), (0.3, 3.0)),
+            "triangle": (
+                ("peak (eV)", "rise (eV)", "fall (eV)"), _triangle, (0.1, 0.4), (-0.3, 0.01, 0.01), (0.5, 2.0, 2.0)
+            ),
+            "gaussian": (
+                ("mean (eV)", "standard deviation (eV)"), _gaussian, (0.05, 0.2, 0.4), (-0.5, 0.005), (1.0, 1.5)
+            ),
+        }[name]  # fmt: skip
+        # the first parameter is an energy, the others are widths
+        lower, upper = np.array(first), np.array(last)
+        lower[0], upper[0] = low + lower[0], high + upper[0]
+        starts = [
+            np.append(at, np.full(len(names) - 1, width))
+            for at in np.linspace(low, high, STARTS)
+            for width in widths
+        ]
+    if data.factor is not None:
+        names = (*names, "bond_force over that of the scene")
+        starts = [np.append(start, 0.0) for start in starts]
+        lower, upper = (
+            np.append(*ends)
+            for ends in zip((lower, upper), data.factor, strict=True)
+        )
+    return Family(data, names, below, starts, lower, upper)
 
 
 def blocks_of(curve: np.ndarray, hold_times: np.ndarray) -> np.ndarray:
@@ -475,17 +535,21 @@ def blocks_of(curve: np.ndarray, hold_times: np.ndarray) -> np.ndarray:
     return blocks
 
 
-def log_score(
-    values: np.ndarray, mean: np.ndarray, covariance: np.ndarray
+def score(
+    data: Linear,
+    blocks: np.ndarray,
+    beyond: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> float:
-    """Logarithm of the normal density of ``values``."""
-    lower = np.linalg.cholesky(covariance)
-    away = np.linalg.solve(lower, values - mean)
-    return float(
-        -0.5 * away @ away
-        - np.log(np.diag(lower)).sum()
-        - 0.5 * values.size * np.log(2 * np.pi)
-    )
+    """Logarithm of the normal density of the values of each block, whose mean and covariance ``beyond`` predicts."""
+    total = 0.0
+    for block in np.unique(blocks):
+        out = blocks == block
+        mean, covariance = beyond(out)
+        lower = np.linalg.cholesky(covariance + np.diag(data.errors[out] ** 2))
+        away = np.linalg.solve(lower, data.values[out] - mean)
+        total -= 0.5 * (away @ away + mean.size * np.log(2 * np.pi))
+        total -= np.log(np.diag(lower)).sum()
+    return float(total)
 
 
 def compared(
@@ -501,140 +565,36 @@ def compared(
         return {}, {}
     problem = problem.settled(samples.typical)
     blocks = blocks_of(model.curve, model.hold_times)
-    total, done = len(families) + int(blocks.max()) + 1, 0
+    first = int(blocks.max()) + 1
+    total = first + len(families)
     seen = model.grid.nodes[model.seen()]
-    low, high = (
-        (float(seen[0]), float(seen[-1]))
-        if seen.size
-        else (model.grid.nodes[0], model.grid.nodes[-1])
-    )
-    scores, fits = {"density": 0.0}, {}
+    low, high = (seen if seen.size else model.grid.nodes)[[0, -1]].tolist()
     mean = samples.densities.mean(axis=0)
-    for block in np.unique(blocks):
-        report("families", done, total)
-        out = blocks == block
-        few = short(
-            problem.without(out),
-            np.where(mean > 1e-3, mean, -0.1),
-            model.seed + 100 + int(block),
-            threads,
-        )
-        values = few.fitted(problem)[:, out]
-        covariance = np.atleast_2d(np.cov(values.T)) + np.diag(
-            problem.errors[out] ** 2
-        )
-        scores["density"] += log_score(
-            problem.values[out], values.mean(axis=0), covariance
-        )
-        done += 1
+    start = np.where(mean > 1e-3, mean, -0.1)
+    middle = np.median(samples.positions, axis=0, keepdims=True)
     data = Linear(
         model.grid,
-        *problem.at(np.median(samples.positions, axis=0)),
+        *problem.at(problem.unknowns.weights(middle)[0]),
         problem.values,
         problem.errors,
         model.unknowns.factor,
     )
-    for name in families:
-        report("families", done, total)
-        fits[name], scores[name] = _compared(family(name, low, high), data, blocks)
-        done += 1
+
+    def beyond(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        block = int(blocks[out][0])
+        report("families", block, total)
+        left, seed = problem.without(out), model.seed + 100 + block
+        few = short(left, start, seed, threads, samples.guide)
+        values = few.fitted(problem)[:, out]
+        return values.mean(axis=0), np.atleast_2d(np.cov(values.T))
+
+    scores, fits = {"density": score(data, blocks, beyond)}, {}
+    for number, name in enumerate(families):
+        report("families", first + number, total)
+        chosen = family(name, low, high, data)
+        fits[name], scores[name] = (
+            chosen.about(),
+            score(data, blocks, chosen.beyond),
+        )
     report("families", total, total)
     return scores, fits
-
-
-def _compared(
-    chosen: Family, data: Linear, blocks: np.ndarray
-) -> tuple[dict[str, Any], float]:
-    """The fit of a family to all points, and its score on blocks left out."""
-    theta, covariance, chi2 = _fit(
-        chosen, data, np.ones(data.values.size, dtype=bool)
-    )
-    names = list(chosen.parameters)
-    shown = theta.copy()
-    errors = np.sqrt(np.diag(covariance))
-    if data.factor is not None:  # fitted as its logarithm
-        names.append("bond_force over that of the scene")
-        shown[-1] = np.exp(theta[-1])
-        errors[-1] *= shown[-1]
-    about = {
-        "parameters": dict(zip(names, shown.tolist(), strict=True)),
-        "errors": dict(zip(names, errors.tolist(), strict=True)),
-        "chi2": chi2,
-        "density": chosen.density(
-            data.grid.wider(*REACH), theta[: len(chosen.parameters)]
-        ).tolist(),
-    }
-    score = 0.0
-    for block in np.unique(blocks):
-        out = blocks == block
-        theta, covariance, _ = _fit(chosen, data, ~out)
-        mean = _predicted(chosen, data, theta)[out]
-        slope = _slope(chosen, data, theta)[out]
-        score += log_score(
-            data.values[out],
-            mean,
-            slope @ covariance @ slope.T + np.diag(data.errors[out] ** 2),
-        )
-    return about, score
-
-
-def _predicted(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
-    count = len(chosen.parameters)
-    scale = np.exp(theta[count]) if data.factor is not None else 1.0
-    return scale * (
-        data.offset + data.matrix @ chosen.density(data.grid, theta[:count])
-    )
-
-
-def _slope(chosen: Family, data: Linear, theta: np.ndarray) -> np.ndarray:
-    columns = []
-    for at in range(theta.size):
-        step = np.zeros(theta.size)
-        step[at] = 1e-3
-        columns.append(
-            (
-                _predicted(chosen, data, theta + step)
-                - _predicted(chosen, data, theta - step)
-            )
-            / 2e-3
-        )
-    return np.stack(columns, axis=1)
-
-
-def _fit(
-    chosen: Family, data: Linear, kept: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Parameters of least χ² among the points ``kept``, their covariance, and χ²."""
-    from scipy.optimize import least_squares
-
-    lower, upper, starts = chosen.lower, chosen.upper, chosen.starts
-    if data.factor is not None:
-        lower, upper = (
-            np.append(lower, data.factor[0]),
-            np.append(upper, data.factor[1]),
-        )
-        starts = [np.append(start, 0.0) for start in starts]
-
-    def residuals(theta: np.ndarray) -> np.ndarray:
-        return ((_predicted(chosen, data, theta) - data.values) / data.errors)[kept]
-
-    starts = [np.clip(start, lower + 1e-6, upper - 1e-6) for start in starts]
-    starts.sort(key=lambda start: float(np.sum(residuals(start) ** 2)))
-    fits = [
-        least_squares(
-            residuals,
-            start,
-            bounds=(lower, upper),
-            x_scale=np.maximum(np.abs(start), 0.05),
-            max_nfev=200,
-        )
-        for start in starts[:4]
-    ]
-    best = min(fits, key=lambda fit: fit.cost)
-    theta, chi2 = best.x, 2 * float(best.cost)
-    slope = (_slope(chosen, data, theta) / data.errors[:, None])[kept]
-    # what the data do not know is known to within the bounds
-    precision = slope.T @ slope + np.diag(12 / (upper - lower) ** 2)
-    # a fit that is off makes its own prediction uncertain
-    inflation = max(1.0, chi2 / max(int(kept.sum()) - theta.size, 1))
-    return theta, inflation * np.linalg.inv(precision), chi2

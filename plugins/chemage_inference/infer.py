@@ -406,9 +406,7 @@ def _notes(
     """What the user should know."""
     visible, diagnostics = inference.visible, inference.diagnostics
     for curve in model.curves:
-        yield from (f"{curve.name}: {note}" for note in curve.notes)
-        if cold := units.celsius_meant("temperature", curve.temperature):
-            yield f"{curve.name}: {cold}"
+        yield from (f"{curve.name}: {note}" for note in curve.remarks)
     few = list(_hardly_any(model))
     yield from few
     if not visible.any():

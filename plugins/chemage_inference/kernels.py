@@ -26,7 +26,7 @@ import numpy as np
 from chemage.plugin import algebra, kernel
 
 #: twice the logarithm by which a density is lower where it is left out
-NEGLIGIBLE = 120.0
+NEGLIGIBLE = 60.0
 
 
 @kernel(nogil=True)
@@ -152,35 +152,44 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
     fixed, moving = np.empty(m), np.empty(m)
     lows, highs, logs = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
     curves, linears, rests = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1)
-    misfit = -2.0 * log_misfit(x, matrix, target, areas, np.inf)
+    residual, whole = -target, 0.0
+    for i in range(n):
+        if x[i] > 0.0:
+            whole += areas[i] * x[i]
+            for k in range(m):
+                residual[k] += x[i] * matrix[i, k]
     for number in range(directions.shape[0]):
         v = directions[number]
-        a0 = b0 = 0.0
+        moved = np.flatnonzero(v)
+        a0 = b0 = misfit = 0.0
         for i in range(n):
             a0 += v[i] * pulls[number, i]
             b0 += v[i] * pull[i]
         if not a0 > 0.0:
             continue
+        for k in range(m):
+            misfit += residual[k] * residual[k]
         # beyond, the prior alone is below exp(−NEGLIGIBLE/2) of the present density
         reach = math.sqrt(b0 * b0 + a0 * (misfit + NEGLIGIBLE)) / a0
         first, last = -b0 / a0 - reach, -b0 / a0 + reach
-        count, mass, mass_rate = 0, 0.0, 0.0
+        count, mass, mass_rate = 0, whole, 0.0
         for k in range(m):
-            fixed[k], moving[k] = -target[k], 0.0
-        for i in range(n):
-            positive = x[i] > 0.0  # at the first α
-            if v[i] != 0.0:
-                at = -x[i] / v[i]
-                positive = (at <= first) == (v[i] > 0.0)
-                if first < at < last:
-                    breaks[count], places[count] = at, i
-                    count += 1
+            fixed[k], moving[k] = residual[k], 0.0
+        for i in moved:
+            at = -x[i] / v[i]
+            positive = (at <= first) == (v[i] > 0.0)  # at the first α
+            if first < at < last:
+                breaks[count], places[count] = at, i
+                count += 1
             if positive:
-                mass += areas[i] * x[i]
                 mass_rate += areas[i] * v[i]
                 for k in range(m):
-                    fixed[k] += x[i] * matrix[i, k]
                     moving[k] += v[i] * matrix[i, k]
+            if positive != (x[i] > 0.0):
+                more = x[i] if positive else -x[i]
+                mass += areas[i] * more
+                for k in range(m):
+                    fixed[k] += more * matrix[i, k]
         order = np.argsort(breaks[:count])
         top = -np.inf
         for part in range(count + 1):
@@ -258,14 +267,16 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
             highs[chosen],
             uniforms[number, 1],
         )
-        misfit = (
-            (curves[chosen] - a0) * step * step
-            + 2.0 * (linears[chosen] - b0) * step
-            + rests[chosen]
-        )
         for i in range(n):
-            x[i] += step * v[i]
             pull[i] += step * pulls[number, i]
+        for i in moved:
+            before = max(x[i], 0.0)
+            x[i] += step * v[i]
+            more = max(x[i], 0.0) - before
+            if more != 0.0:
+                whole += areas[i] * more
+                for k in range(m):
+                    residual[k] += more * matrix[i, k]
 
 
 @kernel(nogil=True)
@@ -442,14 +453,13 @@ def moved(
     areas,
     limits,
     gumbels,
-    shift,
     known,
 ):
     """Draw among ``choices`` (k,) of the prior and models of the measurements, at fixed v and fixed signs.
 
     Changes ``x`` (n,) in place and returns which was drawn, from 0; the first is the present one. ``gumbels`` (k,) are
     standard Gumbel numbers and what the logarithm of the probability has besides. ``matrices`` (1 or k, n, m),
-    ``targets`` and ``limits``: one model, or one for each choice, to which v and signs move by ``shift`` nodes. ``known``
+    ``targets`` and ``limits``: one model, or one for each choice. ``known``
     (n + 1,): log v and the logarithm of the density of the present one, or at last nan; afterwards those of the one
     drawn. The others are those of :func:`log_priors` and :func:`log_misfit`.
     """
@@ -467,8 +477,6 @@ def moved(
             log_shares[:] = known[:n]
             best = gumbels[k] + known[n]
             continue
-        if k == 1:
-            signs, log_shares = np.roll(signs, shift), np.roll(log_shares, shift)
         if k < len(matrices):
             places, pull = np.flatnonzero(signs > 0.0), target.copy()
             seen = matrix[places]

@@ -10,10 +10,10 @@ one narrow peak of all sites bonds the most later and the fewest earlier (Jensen
 peaks that bands of 90 % do not end before it.
 
 What the measurements still tell of the sites outside - the last hold times see the foot of the barriers above -
-restricts the peaks, which are drawn by Metropolis moves, one chain for each sample. Most moves shift all peaks such
-that the rate with which they react at first, the sum of share × exp(−E/k_BT), stays as it was; the shift that this
-takes does not depend on a common translation, so that the volume is preserved. The number of peaks changes by switching
-them on and off (product space method, Carlin & Chib, J. R. Stat. Soc. B 57, 473 (1995)).
+restricts the peaks, which are drawn by Metropolis moves, one chain for each sample. One peak or all of them are drawn
+from the prior, there or not (product space method, Carlin & Chib, J. R. Stat. Soc. B 57, 473 (1995)), and all are then
+shifted such that the rate with which they react at first, the sum of share × exp(−E/k_BT), stays as it was; the shift
+that this takes does not depend on a common translation, so that the volume is preserved.
 """
 
 from __future__ import annotations
@@ -86,6 +86,12 @@ class Prior:
             for length in LENGTHS
             for strength in STRENGTHS
         ]
+
+    @cached_property
+    def parts(self) -> np.ndarray:
+        """(choices, 3) numbers of the smoothness, the length and the strength of every choice."""
+        sizes = len(SMOOTHNESSES), len(LENGTHS), STRENGTHS.size
+        return np.indices(sizes).reshape(3, -1).T
 
     def covariance(self, choice: int) -> np.ndarray:
         """(n, n) 1/eV²."""
@@ -371,9 +377,8 @@ class Problem:
         """(m,) standard errors where a chain begins."""
         return self.noise.errors(self.state or self.noise.start)
 
-    def at(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m, n) and (m,): matrix and offset for the scalars at ``position`` (d,)."""
-        weights = self.unknowns.weights(position[None])[0]
+    def at(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m, n) and (m,): matrix and offset with these ``weights`` (g,) of the coefficients."""
         return summed(weights, self.matrices), summed(weights, self.offsets)
 
     def settled(self, state: State) -> Problem:
@@ -409,7 +414,7 @@ SMOOTH = 0.25
 #: eV below and above the energies of the smooth process to which peaks may lie
 REACH = 0.2, 0.5
 #: Metropolis moves of each chain
-MOVES = 2000
+MOVES = 1000
 #: standard errors by which peaks with all sites change a combination of the measurements at least, or it is left out
 NEGLIGIBLE = 0.01
 
@@ -449,6 +454,11 @@ class Peaks(NamedTuple):
         return present / present.sum(axis=1, keepdims=True)
 
 
+def _where(chosen: np.ndarray, new: Peaks, old: Peaks) -> Peaks:
+    """The ``new`` peaks that are ``chosen``, and else the ``old`` ones."""
+    return Peaks(*(np.where(chosen, *two) for two in zip(new, old, strict=True)))
+
+
 class Hidden:
     """Densities on the nodes ``first`` to ``stop`` of ``grid``, without ``stop``."""
 
@@ -486,17 +496,13 @@ class Hidden:
     def _inside(self, place: np.ndarray) -> np.ndarray:
         return (place >= 0) & (place <= self.count - 1)
 
-    def at(self, peaks: Peaks, table: np.ndarray) -> np.ndarray:
-        """(S, ...) sums over the peaks of ``table`` (widths, positions, ...), interpolated between positions."""
+    def at(self, peaks: Peaks, tables: np.ndarray) -> np.ndarray:
+        """(S, m) sums over the peaks of ``tables`` (1 or S, widths, positions, m), interpolated between positions."""
         left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
-        part = peaks.place - left
-        shares = peaks.shares
-        lower = np.einsum(
-            "sk,sk...->s...", shares * (1 - part), table[peaks.width, left]
-        )
-        return lower + np.einsum(
-            "sk,sk...->s...", shares * part, table[peaks.width, left + 1]
-        )
+        part, row = (peaks.place - left)[..., None], np.arange(len(tables))[:, None]
+        lower, upper = (tables[row, peaks.width, at] for at in (left, left + 1))
+        each = (1 - part) * lower + part * upper
+        return np.einsum("sk,skm->sm", peaks.shares, each)
 
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
@@ -515,7 +521,7 @@ class Hidden:
         peaks = self.drawn(len(redrawn), rng)
         if data is not None:
             peaks = self._moved(peaks, redrawn, shares, data, rng)
-        redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes)
+        redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes[None])
         return redrawn
 
     def _moved(
@@ -544,87 +550,44 @@ class Hidden:
         tables = (
             algebra.product(data.weights, tables) if len(tables) > 1 else tables
         )
-        row = np.arange(len(base))[:, None] if len(tables) > 1 else 0
 
         def misfit(peaks: Peaks) -> np.ndarray:
-            at = np.minimum(peaks.place.astype(np.int64), self.count - 2)
-            part = (peaks.place - at)[..., None]
-            each = (1 - part) * tables[row, peaks.width, at] + part * tables[
-                row, peaks.width, at + 1
-            ]
-            residual = base - scale * np.einsum("sk,skm->sm", peaks.shares, each)
+            residual = base - scale * self.at(peaks, tables)
             return 0.5 * (residual**2).sum(axis=1)
 
         here = misfit(peaks)
         for number in range(MOVES):
-            other, gain = self._proposed(
-                peaks, number % 7, data.kt / self.step, rng
+            other, back = self._proposed(
+                peaks, number % 3, data.kt / self.step, rng
             )
-            inside = (self._inside(other.place) | ~other.there).all(axis=1)
+            inside = back & (self._inside(other.place) | ~other.there).all(axis=1)
             other = other._replace(place=np.clip(other.place, 0, self.count - 1))
             there = misfit(other)
-            taken = inside & (np.log(rng.random(shares.size)) < here - there + gain)
-            peaks = Peaks(
-                *(
-                    np.where(taken[:, None], new, old)
-                    for new, old in zip(other, peaks, strict=True)
-                )
-            )
+            taken = inside & (np.log(rng.random(shares.size)) < here - there)
+            peaks = _where(taken[:, None], other, peaks)
             here = np.where(taken, there, here)
         return peaks
 
     def _proposed(
         self, peaks: Peaks, kind: int, kt: float, rng: np.random.Generator
     ) -> tuple[Peaks, np.ndarray]:
-        """Other peaks, and the logarithm of what their prior and the volume of the move gain; ``kt`` in steps."""
+        """Other peaks, and (S,) whether the move back is possible; ``kt`` in steps.
+
+        All peaks move alike, or else (kind 1: all, kind 2: one) are drawn from the prior and then moved alike such that
+        they react at first as before.
+        """
         count = len(peaks.place)
-        rows = np.arange(count)
-        chosen = (
-            rng.integers(1, MOST, count)
-            if kind == 0
-            else (peaks.there * rng.random((count, MOST))).argmax(axis=1)
-        )
-        peak = rows, chosen
-        place, width, weight, there = (array.copy() for array in peaks)
-        gain = np.zeros(count)
-        fresh = self.drawn(count, rng)
-        far = kt * 10 ** rng.uniform(-3, 1, count) * rng.standard_normal(count)
-        if (
-            kind == 0
-        ):  # switch a peak on or off; one that is switched on is drawn from the prior
-            there[peak] ^= True
-            on = there[peak]
-            for old, new in (
-                (place, fresh.place),
-                (width, fresh.width),
-                (weight, fresh.weight),
-            ):
-                old[rows[on], chosen[on]] = new[rows[on], chosen[on]]
-            gain = np.where(on, 1, -1) * np.log(THERE / (1 - THERE))
-        elif kind == 1:
-            place += far[:, None]
-        elif kind == 2:
-            place[peak] += far
-        elif kind in (3, 4):
-            place[peak], width[peak] = fresh.place[peak], fresh.width[peak]
-        elif kind == 5:
-            more = 10 ** rng.uniform(-2, 0.5, count) * rng.standard_normal(count)
-            weight[peak] *= np.exp(more)
-            gain = more + peaks.weight[peak] - weight[peak]
-        else:
-            place, width, weight, there = fresh
-        other = Peaks(place, width, weight, there)
-        if kind in (0, 3, 5, 6):
-            away = (self._location(other, kt) - self._location(peaks, kt))[:, None]
-            other = other._replace(place=place - away)
-            # the move back must be possible: it draws the peaks that this one replaces or switches off, shifted as well
-            gone = peaks.there & (~there | (place != peaks.place))
-            gain = np.where(
-                (self._inside(peaks.place - away) | ~gone).all(axis=1),
-                gain,
-                -np.inf,
-            )
-        return other, gain
+        if not kind:
+            far = 10 ** rng.uniform(-3, 1, (count, 1)) * kt
+            far = far * rng.standard_normal((count, 1))
+            return peaks._replace(place=peaks.place + far), np.ones(count, bool)
+        chosen = rng.integers(MOST, size=(count, 1)) == np.arange(MOST)
+        chosen |= kind == 1
+        other = _where(chosen, self.drawn(count, rng), peaks)
+        away = (self._location(other, kt) - self._location(peaks, kt))[:, None]
+        # it draws the peaks that this one replaces, shifted as well
+        back = self._inside(peaks.place - away) | ~(peaks.there & chosen)
+        return other._replace(place=other.place - away), back.all(axis=1)
 
     def _location(self, peaks: Peaks, kt: float) -> np.ndarray:
         """(S,) -kt times the logarithm of the rate with which all peaks react at first, in steps."""

@@ -147,9 +147,9 @@ class Inference(Record):
     """(m,) measured ΔF, nN"""
     errors: Doubles
     """(m,) its standard errors, nN: the stated ones times their inferred scale"""
-    stated_errors: Doubles | None = None
+    stated_errors: Doubles
     """(m,) the standard errors as stated, with that of the forward model, nN"""
-    off: Doubles | None = None
+    off: Doubles
     """(m,) probability that a point is off, by far more than its error"""
     error_terms: Named = {}
     """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
@@ -256,16 +256,10 @@ class Inference(Record):
     @property
     def is_suspect(self) -> np.ndarray:
         """(m,) whether a point is probably off."""
-        return (
-            np.zeros(self.hold_times.size, dtype=bool)
-            if self.off is None
-            else self.off > SUSPECT
-        )
+        return self.off > SUSPECT
 
     def suspects(self) -> list[str]:
         """The points that are probably off, in words."""
-        if self.off is None:
-            return []
         words = "{:.3g} s of {} ({:+.1f} standard errors, probability {:.2f})"
         return [
             words.format(

@@ -7,8 +7,8 @@ values, so that they follow the ridges of their posterior (ter Braak, Stat. Comp
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -20,31 +20,25 @@ from chemage_inference import kernels
 from chemage_inference.noise import State
 from chemage_inference.open import effective as effective_samples
 from chemage_inference.open import r_hat
-from chemage_inference.problem import LEVEL, STRENGTHS, Problem, values_of
+from chemage_inference.problem import LEVEL, LOAD, STRENGTHS, Problem, values_of
 
-#: chains, and sweeps of each before samples are kept
-CHAINS, WARM = 4, 400
+#: chains; sweeps of each before samples are kept, in stages after each of which all chains learn from all
+CHAINS, WARM, STAGES = 4, 120, 4
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 250, 1.03, 4000
 #: R-hat of unknown scalars at which sampling ends
 SCALARS_AGREED = 1.01
-#: sweeps of the density for each of the errors
-EVERY = 2
 #: lengths of moves of the scalars over that of a difference of earlier values, or of the prior, before there are earlier
 #: values; by how much they are larger then
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
-#: passes over the density in a sweep, and moves of scalars in each
-PASSES, MOVED = 3, 3
+#: passes over the density in a sweep, and moves of scalars in each; common factors need fewer
+PASSES, MOVED = 2, 5
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
-#: sets of positive nodes that directions are drawn with, at most
-PATTERNS = 8
-#: choices of the prior among which one is drawn
-CANDIDATES = 5
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
-ARCHIVE, BUMPS = 100, 2000
+ARCHIVE, BUMPS = 200, 2000
 #: derivatives of a bump that serve as directions, from the 0th
 ORDERS = 5
 #: standard errors by which a combination of the measurements changes with the density (1/eV) at least, or is left out
@@ -60,91 +54,83 @@ class ChainPosition(NamedTuple):
     log_factor: float
     #: the errors of the measurements
     state: State
+    #: (g,) of the coefficients there, and the logarithm of the prior of the scalars
+    weights: np.ndarray
+    log_prior: float
 
 
-@dataclass(eq=False)
-class _Pattern:
-    """A set of positive nodes; the posterior for it is nearly normal under every choice of the prior."""
+class Guide(NamedTuple):
+    """What chains have learnt of the posterior, whose differences are directions; they are valid whatever it is."""
 
-    #: (n,) 1 where positive
-    positive: np.ndarray
-    #: where it is tabulated
-    place: ChainPosition
-    #: choice, and whether the density is complete -> (n, n) lower factor of the inverse covariance
-    factors: dict[tuple[int, bool], np.ndarray] = field(default_factory=dict)
+    #: (A, n) densities, and (B, k) scalars
+    archive: np.ndarray
+    scalars: np.ndarray
 
 
 class Chain:
     """One Markov chain, which begins at ``start`` (n,)."""
 
     def __init__(
-        self, problem: Problem, start: np.ndarray, rng: np.random.Generator
+        self,
+        problem: Problem,
+        start: np.ndarray,
+        rng: np.random.Generator,
+        guide: Guide | None = None,
     ) -> None:
         self.problem, self.rng = problem, rng
         self.noise = problem.noise
         self.x = np.ascontiguousarray(
             start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
         )
-        self.place = ChainPosition(
+        self.place = self._placed(
             problem.unknowns.nodes[problem.start].astype(float),
             0.0,
             problem.state or self.noise.start,
         )
         # whether no barrier lies above the last energy, so that the integral of the density is 1
         self.complete = False
-        #: from the end of the warm-up on: (sweeps, n) densities, and places
-        self.densities: list[np.ndarray] = []
+        #: (sweeps, n) of the process, and places
+        self.processes: list[np.ndarray] = []
         self.places: list[ChainPosition] = []
-        self._archive = np.zeros((0, start.size))
-        self._scalars = np.zeros((0, self.scalars(self.place).size))
-        self._patterns: list[_Pattern] = []
+        nothing = np.zeros((0, start.size))
+        self.guide = guide or Guide(nothing, nothing)
         self._last: Any = None, None, None
         # what kernels.moved knows of the present place; nan at last: nothing
         self._known = np.full(start.size + 1, np.nan)
-        self._sweep = 0
         every = np.arange(len(problem.prior.combinations))
         logs = self._log_priors(self.x, every)
         self.choice = int(np.argmax(logs + rng.gumbel(size=logs.size)))
-
-    def warm(self, sweeps: int) -> None:
-        """Forget the start, and choose the directions; nothing is kept."""
-        every = max(sweeps // (2 * PATTERNS), 1)
-        archive, scalars = [], []
-        for sweep in range(sweeps):
-            if sweep % every == every - 1:
-                pattern = _Pattern((self.x > 0).astype(float), self.place)
-                self._patterns = [*self._patterns, pattern][-PATTERNS:]
-            if sweep == sweeps // 2:
-                self._archive = np.array(archive)
-                self._scalars = np.array(scalars)
-            self.step()
-            if sweep >= sweeps // 4:
-                archive.append(self.x.copy())
-                scalars.append(self.scalars(self.place))
-        self._archive = np.array(archive)[:: max(len(archive) // ARCHIVE, 1)]
-        self._scalars = np.array(scalars)[len(scalars) // 3 :]
 
     def run(self, sweeps: int) -> None:
         """Make and keep more sweeps."""
         for _ in range(sweeps):
             self.step()
-            self.densities.append(np.maximum(self.x, 0.0))
+            self.processes.append(self.x.copy())
             self.places.append(self.place)
+
+    def forget(self) -> None:
+        """Keep none of the sweeps that were made."""
+        self.processes.clear()
+        self.places.clear()
+
+    @property
+    def densities(self) -> np.ndarray:
+        """(sweeps, n) that were kept."""
+        return np.maximum(self.processes, 0.0)
 
     def step(self) -> None:
         """One sweep over all unknowns."""
         for _ in range(PASSES):
             self._drawn_density()
             self._drawn_complete()
+            self._drawn_choice()
             if self._widths.size:
                 self._exchanged()
-                for _ in range(MOVED):
+                for _ in range(MOVED if not self._common.all() else 1):
                     self._moved_scalars()
         if self._widths.size:
             self._completed()
-        self._drawn_choice()
-        self._sweep += 1
-        if not self.noise.fixed and self._sweep % EVERY == 0:
+        if not self.noise.fixed:
             self._drawn_errors()
 
     # -- the misfit ---------------------------------------------------------------------------------------------------
@@ -179,7 +165,7 @@ class Chain:
     ) -> tuple[np.ndarray, np.ndarray, float]:
         problem, noise, state = self.problem, self.noise, place.state
         matrix, target, rest = kernels.reduced(
-            problem.unknowns.weights(place.position[None])[0],
+            place.weights,
             *self._rotated,
             problem.offsets,
             problem.values - noise.added(state),
@@ -198,7 +184,7 @@ class Chain:
 
     def _fitted(self, x: np.ndarray, place: ChainPosition) -> np.ndarray:
         """(m,) true values of the model."""
-        matrix, offset = self.problem.at(place.position)
+        matrix, offset = self.problem.at(place.weights)
         values = offset + algebra.product(matrix, np.maximum(x, 0.0))
         return np.exp(place.log_factor) * values
 
@@ -213,36 +199,16 @@ class Chain:
 
     # -- the density --------------------------------------------------------------------------------------------------
 
-    def _factor(self, pattern: _Pattern) -> np.ndarray:
-        """(n, n) lower factor L of the inverse covariance of a pattern, under the present choice of the prior."""
-        key = self.choice, self.complete
-        if key not in pattern.factors:
-            matrix, *_ = self._made_rows(pattern.place, self._integral)
-            seen = matrix * pattern.positive[:, None]
-            pattern.factors[key] = algebra.cholesky(
-                self.problem.prior.precisions[0][self.choice]
-                + algebra.product(seen, seen.T)
-            )
-        return pattern.factors[key]
-
     def _directions(self, count: int) -> np.ndarray:
-        """(count, n): bumps of all widths, and their derivatives, which keep the integral, the mean and so on; as wide
-        as the posterior is in them, if the nodes that are positive were those of an earlier sample; and differences of
-        earlier samples."""
-        nodes, rng = self.problem.prior.nodes, self.rng
-        others = count // 3 if self._patterns else 0
-        between = count // 3 if len(self._archive) > 10 else 0
-        bumps = count - others - between
-        parts = [self._bumps[rng.integers(BUMPS, size=bumps)]]
-        if others:
-            factor = self._factor(self._patterns[rng.integers(len(self._patterns))])
-            parts.append(
-                kernels.solved(factor, rng.standard_normal((others, nodes.size)))
-            )
-        if between:
-            pairs = rng.integers(len(self._archive), size=(between, 2))
-            parts.append(self._archive[pairs[:, 0]] - self._archive[pairs[:, 1]])
-        return np.ascontiguousarray(np.concatenate(parts))
+        """(count, n): bumps of all widths, and their derivatives, which keep the integral, the mean and so on; and
+        differences of earlier samples."""
+        rng, archive = self.rng, self.guide.archive
+        between = count // 3 if len(archive) else 0
+        bumps = self._bumps[rng.integers(BUMPS, size=count - between)]
+        if not between:
+            return bumps
+        pairs = rng.integers(len(archive), size=(2, between))
+        return np.concatenate([bumps, np.subtract(*archive[pairs])])
 
     @cached_property
     def _bumps(self) -> np.ndarray:
@@ -268,11 +234,11 @@ class Chain:
         return bumps
 
     def _drawn_density(self) -> None:
-        """Draw the process anew along as many lines as it has nodes."""
+        """Draw the process anew along twice as many lines as it has nodes."""
         self._known[-1] = np.nan
         problem = self.problem
         matrix, target, _ = self._rows(self.place, self._integral)
-        directions = self._directions(self.x.size)
+        directions = self._directions(2 * self.x.size)
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
             self.x,
@@ -296,14 +262,14 @@ class Chain:
     # -- the prior ----------------------------------------------------------------------------------------------------
 
     def _drawn_choice(self) -> None:
-        """Draw the choice of the prior with a density that adapts to it."""
-        count = len(self.problem.prior.combinations)
-        candidates = self.rng.permutation(count)[: min(CANDIDATES, count)]
-        others = candidates != self.choice
-        choices = np.append(self.choice, candidates[others])
-        gumbels = self.rng.gumbel(size=candidates.size + 1)
+        """Draw the choice of the prior among its neighbours, a block of two in each of its parts, with a density that
+        adapts to it."""
+        blocks = self.problem.prior.parts + self.rng.integers(2, size=3)
+        near = (blocks // 2 == blocks[self.choice] // 2).all(axis=1)
+        near[self.choice] = False
+        choices = np.append(self.choice, np.flatnonzero(near))
         rows = [self._rows(self.place, self._integral)]
-        gumbels = gumbels[np.append(True, others)]
+        gumbels = self.rng.gumbel(size=choices.size)
         chosen = self._adapted(choices, rows, [self._limit], gumbels)
         self.choice = int(choices[chosen])
 
@@ -313,7 +279,6 @@ class Chain:
         rows: list[tuple[np.ndarray, np.ndarray, float]],
         limits: list[float],
         gumbels: np.ndarray,
-        shift: int = 0,
     ) -> int:
         """Which of the choices and models is drawn, with a density that adapts to it."""
         matrices, targets, _ = zip(*rows, strict=True)
@@ -327,7 +292,6 @@ class Chain:
             self.problem.areas,
             np.array(limits),
             gumbels,
-            shift,
             self._known,
         )
 
@@ -349,25 +313,28 @@ class Chain:
         factor = () if known else (place.log_factor,)
         return np.concatenate([place.position, factor, place.state.nuisances])
 
-    def _placed(self, scalars: np.ndarray) -> ChainPosition:
-        """The place with other ``scalars`` (k,)."""
-        size = self.place.position.size
-        position, rest = scalars[:size], scalars[size:]
-        place = self.place._replace(position=position)
-        if self.problem.unknowns.factor is not None:
-            place, rest = place._replace(log_factor=float(rest[0])), rest[1:]
-        if rest.size:
-            place = place._replace(state=replace(place.state, nuisances=rest))
-        return place
+    def _placed(
+        self, position: np.ndarray, log_factor: float, state: State
+    ) -> ChainPosition:
+        unknowns = self.problem.unknowns
+        low, high = unknowns.factor or (0.0, 0.0)
+        log_prior = unknowns.log_prior(position)
+        if not low <= log_factor <= high or not np.isfinite(log_prior):
+            return ChainPosition(position, log_factor, state, np.zeros(0), -np.inf)
+        away = state.nuisances / self.noise.widths
+        log_prior -= 0.5 * float(away @ away)
+        weights = unknowns.weights(position[None])[0]
+        return ChainPosition(position, log_factor, state, weights, log_prior)
 
-    def _log_prior(self, place: ChainPosition) -> float:
-        """The logarithm of the prior of the scalars, but for a constant."""
-        low, high = self.problem.unknowns.factor or (0.0, 0.0)
-        if not low <= place.log_factor <= high:
-            return -np.inf
-        away = place.state.nuisances / self.noise.widths
-        nuisances = -0.5 * float(np.sum(away**2))
-        return nuisances + self.problem.unknowns.log_prior(place.position)
+    def _at(self, scalars: np.ndarray) -> ChainPosition:
+        """The place with other ``scalars`` (k,)."""
+        size, state = self.place.position.size, self.place.state
+        position, rest, log_factor = scalars[:size], scalars[size:], 0.0
+        if self.problem.unknowns.factor is not None:
+            log_factor, rest = float(rest[0]), rest[1:]
+        if rest.size:
+            state = replace(state, nuisances=rest)
+        return self._placed(position, log_factor, state)
 
     @cached_property
     def _widths(self) -> np.ndarray:
@@ -379,13 +346,6 @@ class Chain:
         return np.append(0.3 * np.array(spans), self.noise.widths)
 
     @cached_property
-    def _energies(self) -> np.ndarray:
-        """(g,) nodes below the energies that react within the hold times, but for a constant."""
-        matrices = self.problem.matrices
-        most = np.maximum(np.abs(matrices).max(axis=2), 1e-300)
-        return (matrices.sum(axis=2) / most).mean(axis=1)
-
-    @cached_property
     def _common(self) -> np.ndarray:
         """(k,) 1 for the scalars whose sum with one number is a common factor of all values: ⟨f⟩, or calibrations."""
         unknowns, nuisances = self.problem.unknowns, self.noise.nuisances
@@ -393,6 +353,25 @@ class Chain:
         shared = [known and name == "calibration" for name, _ in nuisances]
         before = [False] * len(unknowns.axes) + [True] * (not known)
         return np.array([*before, *shared], dtype=float)
+
+    @cached_property
+    def _scaling(self) -> np.ndarray:
+        """(k,) changes of the scalars by which all values rise by a factor e: of common factors, or else of the load."""
+        direction, axes = self._common.copy(), self.problem.unknowns.axes
+        if LOAD in axes and not direction.any():  # the last axis
+            last = axes[LOAD].size - 1
+            sums = self.problem.matrices.sum(axis=(1, 2)).reshape(-1, last + 1)
+            rise = np.log(sums[:, last].sum() / sums[:, 0].sum())
+            direction[len(axes) - 1] = last / rise
+        return direction
+
+    @cached_property
+    def _rises(self) -> np.ndarray:
+        """(k,) by how much the logarithms of all values rise on average with each scalar, those on the grid left out."""
+        noise, unknowns = self.noise, self.problem.unknowns
+        shared = noise.columns.mean(axis=0) * noise.multiplies
+        before = [0.0] * len(unknowns.axes) + [1.0] * (unknowns.factor is not None)
+        return np.array([*before, *shared])
 
     def _exchanged(self) -> None:
         """Draw a common factor with the density, whose integral stays, where values are proportional to it."""
@@ -403,7 +382,7 @@ class Chain:
             return
         matrix, target, _ = self._rows(self.place, self._integral)
         count = target.size - self.complete
-        directions = self._directions(self.x.size // 2)
+        directions = self._directions(self.x.size // 3)
         inverse = problem.prior.precisions[0][self.choice]
         widths, bounds = self._widths[common], problem.unknowns.factor
         rise = kernels.exchanged(
@@ -420,34 +399,25 @@ class Chain:
             np.array(bounds or (-np.inf, np.inf)),
             self.rng.random((len(directions), TRIES)),
         )
-        self.place = self._placed(scalars + rise * self._common)
+        self.place = self._at(scalars + rise * self._common)
         self._known[-1] = np.nan
 
     def _step(self) -> np.ndarray:
-        """(k,) by which scalars move: a difference of earlier values, or of one of them, as in its prior."""
-        rng, size, count = self.rng, self._widths.size, len(self._scalars)
-        if count > 1 and rng.random() < 0.7:
-            one, other = self._scalars[rng.integers(count, size=2)]
-            step = one - other
-        else:
-            step = self._widths * rng.standard_normal(size)
+        """(k,) by which scalars move: a difference of earlier values or as far as the prior is wide, all or one."""
+        rng, size, count = self.rng, self._widths.size, len(self.guide.scalars)
+        kind = rng.random() if count else 1.0
+        step = self._widths * rng.standard_normal(size)
+        if kind < 0.75:
+            one, other = self.guide.scalars[rng.integers(count, size=2)]
+            step = (one - other)[:size]
+        if kind > 0.4:
             step *= np.arange(size) == rng.integers(size)
-        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 1))
+        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 0))
 
     def _moved_scalars(self) -> None:
-        """Move the scalars, or stay, with a density that adapts to them; signs move with the energies that react."""
-        rng, unknowns = self.rng, self.problem.unknowns
-        place, shift = self._placed(self.scalars(self.place) + self._step()), 0
-        if (
-            unknowns.axes
-            and rng.random() < 0.5
-            and self._log_prior(place) > -np.inf
-        ):
-            ends = np.stack([self.place.position, place.position])
-            before, after = algebra.product(unknowns.weights(ends), self._energies)
-            # rounded up or down at random, the move back is as probable
-            shift = int(np.floor(after - before + rng.random()))
-        self._tried(place, 0.0, (self._integral, self._integral), shift)
+        """Move the scalars, or stay, with a density that adapts to them."""
+        place = self._at(self.scalars(self.place) + self._step())
+        self._tried(place, 0.0, (self._integral, self._integral))
 
     def _completed(self) -> None:
         """Complete the density with a smaller common factor, or open it with a larger one, at about equal values.
@@ -455,10 +425,11 @@ class Chain:
         An open density is scaled to one whose integral is about 1; the probability with which that leads back is a
         further row of the open model.
         """
-        rng, direction = self.rng, self._common
+        rng, direction = self.rng, self._scaling
         if not direction.any():
             return
-        width = float(self._widths @ direction / direction.sum())
+        there = direction != 0
+        width = float(np.mean(self._widths[there] / direction[there]))
         if self.complete:
             step = width * abs(rng.standard_normal())
             integral = np.exp(-step)
@@ -474,7 +445,7 @@ class Chain:
         )
         sign = 1.0 if self.complete else -1.0
         integrals = (1.0, integral) if self.complete else (integral, 1.0)
-        place = self._placed(self.scalars(self.place) + sign * step * direction)
+        place = self._at(self.scalars(self.place) + sign * step * direction)
         self._tried(place, -sign * gain, integrals)
 
     def _tried(
@@ -482,14 +453,13 @@ class Chain:
         place: ChainPosition,
         gain: float,
         integrals: tuple[float | None, float | None],
-        shift: int = 0,
     ) -> None:
         """Move to ``place``, or stay, with a density that adapts; ``gain`` is that of the proposal, logarithmic.
 
         Different ``integrals`` mean that a density is completed or opened. In half of the moves the strength of the
         prior falls as the common factor rises.
         """
-        gain += self._log_prior(place) - self._log_prior(self.place)
+        gain += place.log_prior - self.place.log_prior
         if not np.isfinite(gain):
             return
         flips = integrals[0] != integrals[1]
@@ -499,11 +469,7 @@ class Chain:
             self._made_rows(place, integrals[1]),
         ]
         gain += 0.5 * (rows[0][2] - rows[1][2]) - np.log(self.rng.random())
-        before, after = (
-            one.log_factor + np.log(self.noise.factor(one.state)).mean()
-            for one in (self.place, place)
-        )
-        rise = after - before
+        rise = self._rises @ (self.scalars(place) - self.scalars(self.place))
         fall = rise / np.log(STRENGTHS[1] / STRENGTHS[0]) * self.rng.integers(2)
         strength = self.choice % STRENGTHS.size
         strength -= int(np.floor(fall + self.rng.random()))
@@ -511,7 +477,7 @@ class Chain:
             return
         other = self.choice - self.choice % STRENGTHS.size + strength
         choices, gumbels = np.array([self.choice, other]), np.array([0.0, gain])
-        if self._adapted(choices, rows, limits, gumbels, shift):
+        if self._adapted(choices, rows, limits, gumbels):
             self.place, self.complete = place, self.complete != flips
             self.choice = other
             self._last = place, integrals[1], rows[1]
@@ -531,6 +497,7 @@ class Samples:
     effective: float
     r_hat: float
     sweeps: int
+    guide: Guide
 
     @cached_property
     def positions(self) -> np.ndarray:
@@ -600,35 +567,34 @@ def sample(
     sweeps: int = MOST_SWEEPS,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    guide: Guide | None = None,
 ) -> Samples:
     """At least ``samples`` samples of the posterior from chains that begin near ``start`` (n,).
 
-    The chains are continued until the ``watched`` nodes (n,) have :data:`ENOUGH` effective samples and agree, or
-    each has made ``sweeps`` sweeps; of the sweeps, evenly spaced ones are kept.
+    They first learn how to move, or only forget the start if a ``guide`` is given. They are continued until the
+    ``watched`` nodes (n,) and all scalars have :data:`ENOUGH` effective samples and agree, or each has made ``sweeps``
+    sweeps; of the sweeps, evenly spaced ones are kept.
     """
     each = -(-samples // CHAINS)
     watched = np.ones(start.size, dtype=bool) if watched is None else watched
     chains = [
-        Chain(problem, start, np.random.default_rng([seed, number, 41]))
+        Chain(problem, start, np.random.default_rng([seed, number, 41]), guide)
         for number in range(CHAINS)
     ]
     workers = min(threads or processors.available(), CHAINS)
-    warm = min(WARM, sweeps)
-    total, done, more = warm + sweeps, 0, min(2 * each, max(sweeps, each))
-    processors.in_order(
-        lambda number: chains[number].warm(warm), CHAINS, workers, None
-    )
+    if guide:
+        run(chains, min(WARM, sweeps) // STAGES, workers)
+    else:
+        warm(chains, min(WARM, sweeps), workers)
+    for chain in chains:
+        chain.forget()
+    done, more = 0, min(2 * each, max(sweeps, each))
     while True:
         if progress:
-            progress(warm + done, total)
-        processors.in_order(
-            lambda number, more=more: chains[number].run(more),
-            CHAINS,
-            workers,
-            None,
-        )
+            progress(done, sweeps)
+        run(chains, more, workers)
         done += more
-        densities = np.stack([np.array(chain.densities) for chain in chains])
+        densities = np.stack([chain.densities for chain in chains])
         seen = densities[:, :, watched] if watched.any() else densities
         found = [(*convergence(seen), AGREED)]
         for of, end in (_errors, AGREED), (Chain.scalars, SCALARS_AGREED):
@@ -646,14 +612,37 @@ def sample(
         agreed = all(off <= end for _, off, end in found)
         if (effective >= ENOUGH and agreed) or done >= sweeps:
             break
-        more = min(done // 2, sweeps - done)
+        more = min(done // 4, sweeps - done)
     if progress:
-        progress(total, total)
+        progress(sweeps, sweeps)
     kept = np.linspace(0, done - 1, each).round().astype(int)
     places = [chain.places[number] for chain in chains for number in kept]
     size = CHAINS * each
     densities = densities[:, kept].reshape(size, -1)
-    return Samples(densities, places, min(effective, float(size)), ratio, done)
+    effective = min(effective, float(size))
+    return Samples(densities, places, effective, ratio, done, chains[0].guide)
+
+
+def run(chains: Sequence[Chain], sweeps: int, workers: int = 1) -> None:
+    """Make more sweeps of each chain."""
+    processors.in_order(
+        lambda number: chains[number].run(sweeps), len(chains), workers, None
+    )
+
+
+def warm(chains: Sequence[Chain], sweeps: int, workers: int = 1) -> None:
+    """Let chains forget where they began, and learn from each other how to move unless they are guided."""
+    for _ in range(STAGES):
+        run(chains, sweeps // STAGES, workers)
+        half = len(chains[0].places) // 2
+        places = [place for chain in chains for place in chain.places[half:]]
+        processes = np.concatenate([chain.processes[half:] for chain in chains])
+        guide = Guide(
+            processes[:: max(len(processes) // ARCHIVE, 1)],
+            np.array([chains[0].scalars(place) for place in places]),
+        )
+        for chain in chains:
+            chain.guide = guide
 
 
 def _errors(chain: Chain, place: ChainPosition) -> np.ndarray:

@@ -54,13 +54,9 @@ def facts(one: Inference) -> Rows:
     facts_.append(("largest residual", _largest_residual(one)))
     if suspects := one.suspects():
         facts_.append(("suspect points", "; ".join(suspects)))
-    sampling = one.diagnostics
-    if "effective_samples" in sampling:
-        text = f"{len(one.samples)} kept, {sampling['effective_samples']:.0f} effective"
-        if "r_hat" in sampling:
-            text += f", R-hat {sampling['r_hat']:.3f}"
-        facts_.append(("samples", f"{text}; seed {one.seed}"))
-    return facts_
+    kept, sampling = len(one.samples), one.diagnostics
+    text = "{} kept, {effective_samples:.0f} effective, R-hat {r_hat:.3f}; seed {}"
+    return [*facts_, ("samples", text.format(kept, one.seed, **sampling))]
 
 
 def measured_text(one: Inference) -> str:
@@ -210,12 +206,8 @@ def unseen_text(one: Forecast) -> str:
 
 def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
     """(planned measurement, expected reduction of the variance, standard deviation afterwards)."""
-    deviation = one.get("deviation")
-    return (
-        experiment_text(one),
-        f"{100 * float(one.get('reduction', math.nan)):.0f} %",
-        "" if deviation is None else f"{float(deviation):.3g}",
-    )
+    falls, deviation = f"{100 * one['reduction']:.0f} %", f"{one['deviation']:.3g}"
+    return experiment_text(one), falls, deviation
 
 
 def experiment_text(one: Mapping[str, Any]) -> str:

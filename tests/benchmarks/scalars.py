@@ -90,7 +90,8 @@ def truths(model: Model, prior: Prior, count: int, seed: int) -> np.ndarray:
     )
     start = np.full(model.grid.count, 0.3 / model.grid.areas.sum())
     chain = sampling.Chain(problem, start, np.random.default_rng([seed, 151]))
-    chain.warm(400)
+    sampling.warm([chain], 400)
+    chain.forget()
     chain.run(40 * count)
     return np.array(chain.densities[39::40])
 
@@ -102,7 +103,7 @@ def ranks(names: list[str], cases: int, first: int) -> None:
     scene = ca.parse_scene(SCENE).completed()
     chemistry, curves = check_scene(scene), tuple(measured(1))
     unknowns, found = unknowns_of(given["unknown"], chemistry, load), {}
-    sampling.CHAINS, sampling.WARM = 2, 150
+    sampling.CHAINS, sampling.WARM = 2, 120
     with scene.in_use():
         model = make_model(
             scene, chemistry, unknowns, curves, 0, None, ErrorModel.of(("scaled", "robust"), **nuisances)

@@ -112,6 +112,21 @@ def test_what_was_asked_reaches_the_inference_and_the_file(command, folder, made
     assert not Path("tip-inferred-figures").exists()
 
 
+def test_whether_celsius_are_meant_is_asked_before_anything_is_computed(command, folder, monkeypatch):
+    """A density at 27 K has 160 nodes: sampling takes minutes."""
+    text = Path("tip.csv").read_text(encoding="utf-8").replace(", 300\n", ", 27\n")
+    Path("cold.csv").write_text(text, encoding="utf-8")
+    asked = "note: cold: temperature = 27 K: is 27 °C meant?"
+
+    def infer(curves, scene, **how):
+        raise ca.InputError("computed")
+
+    faults.infer_by(monkeypatch, infer)
+    done = command("infer", "cold.csv", "--scene", "tip.toml", "--no-figures")
+    assert asked in done.out + done.err
+    assert done.status == 2
+
+
 @pytest.mark.long
 def test_figures_are_drawn_beside_the_result(command, folder, made_up):
     done = command("infer", "tip.csv", "--scene", "tip.toml", "--predict", "load=500 nN")

@@ -19,6 +19,7 @@ from inferring import (
     Problem,
     State,
     effective,
+    warm,
 )
 
 import chemage as ca
@@ -115,7 +116,8 @@ def test_instruments_have_calibrations_of_their_own():
         np.zeros((1, size)),
     )  # fmt: skip
     chain = Chain(made, np.ones(3), np.random.default_rng(1))
-    chain.warm(200)
+    warm([chain], 200)
+    chain.forget()
     chain.run(6000)
     drawn = np.array([place.state.nuisances for place in chain.places])
     assert (drawn[:, 0] - drawn[:, 1]).mean() == pytest.approx(np.log(1.1 / 0.9), abs=0.006)

@@ -11,14 +11,14 @@ from chemage_inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage_inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage_inference.open import effective, r_hat
 from chemage_inference.problem import Prior, Problem
-from chemage_inference.sampling import Chain
+from chemage_inference.sampling import Chain, warm
 
 drawn_errors, rank = _errors, _rank
 
 __all__ = [
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
     "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors",
-    "effective", "r_hat", "rank", "result_of", "verdict",
+    "effective", "r_hat", "rank", "result_of", "verdict", "warm",
 ]  # fmt: skip
 
 

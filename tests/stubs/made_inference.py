@@ -75,7 +75,9 @@ def made_inference(peaks: tuple[float, ...] = (1.0,), *, members: int = 60, seed
         "seed": seed,
         "provenance": {"scene": ca.parse_scene(SCENE).todict(), "versions": {"chemage": "0.2.0"}, "unknown": {}},
     }
-    return Inference(**(fields | more))
+    fields |= more
+    known = {"stated_errors": fields["errors"], "off": np.zeros(len(fields["errors"]))}
+    return Inference(**(known | fields))
 
 
 def made_forecast(load: float = 50.0, temperature: float = 350.0, unseen: float = 0.02, **more) -> Forecast:
