@@ -54,7 +54,7 @@ def scaled_exp1(log_x: np.ndarray) -> np.ndarray:
     )
 
 
-class Ramp(NamedTuple):
+class ForceRamp(NamedTuple):
     """Bonds under a force that grows at a constant rate; energies in k_BT, arrays (n,) for the bonds."""
 
     barrier: np.ndarray
@@ -217,13 +217,13 @@ class UnderForce(Rupture):
 
     def ramp(
         self, barriers: np.ndarray, temperature: float, attempt_frequency: float
-    ) -> Ramp:
+    ) -> ForceRamp:
         """Bonds with these ``barriers`` (n,) eV at ``temperature`` (K) under the loading rate."""
         thermal = KB * temperature / EV_PER_GPA_NM3 / self.transition_distance
         barrier = np.maximum(np.asarray(barriers, np.float64), 0.0) / (
             KB * temperature
         )
-        return Ramp(
+        return ForceRamp(
             barrier, self.exponent, thermal, attempt_frequency * thermal / self.rate
         )
 
@@ -238,7 +238,7 @@ class UnderForce(Rupture):
         ramp = self.ramp(barriers, temperature, attempt_frequency)
         return ramp.thermal * self._mean(ramp)
 
-    def _mean(self, ramp: Ramp) -> np.ndarray:
+    def _mean(self, ramp: ForceRamp) -> np.ndarray:
         """In units of k_BT/Δx."""
         return ramp.mean()
 
@@ -406,7 +406,7 @@ class Bell(UnderForce):
     )
     bibtex = (BELL, EVANS)
 
-    def _mean(self, ramp: Ramp) -> np.ndarray:
+    def _mean(self, ramp: ForceRamp) -> np.ndarray:
         log_end = np.full(
             ramp.barrier.shape, np.log(ramp.attempts)
         )  # of the hazard rate at ΔE/Δx
@@ -450,7 +450,7 @@ class Friddle(DudkoHummerSzabo):
         """Whether it is Bell's law."""
         return self.exponent == 1.0
 
-    def _mean(self, ramp: Ramp) -> np.ndarray:
+    def _mean(self, ramp: ForceRamp) -> np.ndarray:
         lowered = scaled_exp1(np.log(ramp.attempts) - ramp.barrier)
         return np.where(
             ramp.barrier > 0,

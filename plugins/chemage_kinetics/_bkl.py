@@ -36,7 +36,7 @@ from chemage_kinetics._common import (
     Instant,
     Int,
     Key,
-    Ramp,
+    RampBounds,
     Sites,
     begin_sequence,
     borrowed,
@@ -275,7 +275,7 @@ def _look_ahead(run: BklRun, attempt: Int, total: Float) -> None:
 
 @jit
 def advance(
-    run: BklRun, superbasins: bool | None, ramp: Ramp | None, attempts: Int
+    run: BklRun, superbasins: bool | None, ramp: RampBounds | None, attempts: Int
 ) -> None:
     """Go on for at most ``attempts`` attempts, or to the last hold time (then ``counters[DONE]`` is 1).
 

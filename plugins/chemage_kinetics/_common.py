@@ -155,7 +155,7 @@ class KineticModel(NamedTuple):
     per_unit: float
 
 
-class Ramp(NamedTuple):
+class RampBounds(NamedTuple):
     """Conditions that change linearly in time, under the bounds of a model that has the highest of all temperatures and
     the lowest of all barriers meanwhile."""
 
@@ -292,7 +292,7 @@ def site_rate(site: Int, words: Array, model: KineticModel) -> Float:
 
 
 @inner
-def progress(now: Instant, ramp: Ramp) -> tuple[Float, Float]:
+def progress(now: Instant, ramp: RampBounds) -> tuple[Float, Float]:
     """How far a ramp is, from 0 to 1, and the temperature over that of the model."""
     part = ((now[0] - ramp.begin) + now[1]) / ramp.span
     return part, ramp.heat[0] + part * (ramp.heat[1] - ramp.heat[0])
@@ -306,7 +306,7 @@ def above(levels: Array, i: Int, part: Float) -> Float:
 
 @inner
 def over_bound(
-    i: Int, word: Int, now: Instant, ramp: Ramp, model: KineticModel
+    i: Int, word: Int, now: Instant, ramp: RampBounds, model: KineticModel
 ) -> Float:
     """The present rate of site i, whose word this is, over that in the model: with this probability an event that the
     model gives takes place (thinning; Lewis and Shedler, Nav. Res. Logist. Q. 26, 403 (1979))."""

@@ -395,7 +395,7 @@ class RampPart(NamedTuple):
     """the highest, K"""
     times: Array
     """s: those of the run, and the end"""
-    ramp: _common.Ramp | None
+    ramp: _common.RampBounds | None
 
 
 def parts_of(
@@ -443,7 +443,7 @@ def parts_of(
             np.append(times[(times > since) & (times <= until)], until)
             if part
             else np.append(times[times <= until], until),
-            _common.Ramp(
+            _common.RampBounds(
                 float(since),
                 float(until - since),
                 (float(kelvins[0]) / hottest, float(kelvins[1]) / hottest),

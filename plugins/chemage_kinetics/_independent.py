@@ -18,7 +18,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
-    Ramp,
+    RampBounds,
     begin_own_sequence,
     borrowed,
     count_flip,
@@ -73,7 +73,7 @@ def draw_times(sites: IndependentSites, start: Float) -> None:
 def follow(
     sites: IndependentSites,
     holds: Holds,
-    ramp: Ramp | None,
+    ramp: RampBounds | None,
     rng: Array,
     first: Int,
     last: Int,

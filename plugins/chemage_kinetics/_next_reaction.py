@@ -28,7 +28,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
-    Ramp,
+    RampBounds,
     begin_own_sequence,
     borrowed,
     change_state,
@@ -312,7 +312,7 @@ def follow(
     first: Int,
     last: Int,
     superbasins: bool | None,
-    ramp: Ramp | None,
+    ramp: RampBounds | None,
     events: Int,
 ) -> Int:
     """Follow the patches ``first`` to ``last`` - 1 to the last hold time, or for about ``events`` events.

@@ -31,7 +31,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
-    Ramp,
+    RampBounds,
     above,
     borrowed,
     degree,
@@ -601,7 +601,7 @@ def _draw(run: PullRun) -> None:
 
 
 @hot
-def _takes_place(i: Int, v: Float, run: PullRun, ramp: Ramp | None) -> bool:
+def _takes_place(i: Int, v: Float, run: PullRun, ramp: RampBounds | None) -> bool:
     """Whether an event of site i that the bounds give does, by a uniform number ``v``: its present rate is lower where
     conditions change, and that of a bond before the end of its window."""
     bonded = run.words[i] & 1
@@ -623,7 +623,7 @@ def _takes_place(i: Int, v: Float, run: PullRun, ramp: Ramp | None) -> bool:
 
 
 @jit
-def advance(run: PullRun, ramp: Ramp | None, events: Int) -> None:
+def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
     """Go on for about ``events`` events, or to the last time (then ``counts[DONE]`` is 1).
 
     The state is that of the last event; it is followed to a time only to be sampled, so that what is sampled changes

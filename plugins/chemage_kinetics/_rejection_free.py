@@ -38,7 +38,7 @@ from chemage_kinetics._common import (
     Int,
     Key,
     KineticModel,
-    Ramp,
+    RampBounds,
     begin_sequence,
     block_sum,
     borrowed,
@@ -504,7 +504,10 @@ def _select(
 
 @jit
 def advance(
-    run: RejectionFreeRun, superbasins: bool | None, ramp: Ramp | None, events: Int
+    run: RejectionFreeRun,
+    superbasins: bool | None,
+    ramp: RampBounds | None,
+    events: Int,
 ) -> None:
     """Go on for at most ``events`` events, or to the last hold time (then ``counters[DONE]`` is 1).
 

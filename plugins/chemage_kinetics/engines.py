@@ -145,7 +145,7 @@ class KernelEngine(Engine):
         )
 
     @abstractmethod
-    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         """Follow the bonds to the last hold time, at the rates of the job or, with a ramp, under them."""
 
 
@@ -179,7 +179,7 @@ class FlickerEngine(Engine):
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); not in ramps, where rates change; default: no"""
 
-    def chains(self, ramp: _common.Ramp | None) -> bool | None:
+    def chains(self, ramp: _common.RampBounds | None) -> bool | None:
         """Whether it does, as the kernels are told."""
         return (self.superbasins and ramp is None) or None
 
@@ -201,7 +201,7 @@ class EventEngine(KernelEngine, FlickerEngine):
         job: Job,
         run: BklRun | RejectionFreeRun,
         advance: Callable[..., None],
-        ramp: _common.Ramp | None,
+        ramp: _common.RampBounds | None,
         *counted: tuple[str, int],
     ) -> dict[str, Array]:
         """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
@@ -243,7 +243,7 @@ class RejectionFree(EventEngine):
     bibtex = (GILLESPIE,)
     cost = (430e-9, 15e-9, 18)
 
-    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         words = job.words()
         rates = empty_rates(
             words.size,
@@ -294,7 +294,7 @@ class BKL(EventEngine):
     bibtex = (BORTZ,)
     cost = (650e-9, 25e-9, 46)
 
-    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         resume = job.resume
         words = job.words()
         order, counts = (
@@ -333,7 +333,7 @@ class NextReaction(EventEngine, ThreadedEngine):
     bibtex = (GIBSON,)
     cost = (600e-9, 70e-9, 50)
 
-    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         n = job.lattice.sites.size
         words = job.words()
         spot = np.zeros((n, 2), np.int32)
@@ -402,7 +402,7 @@ class Independent(KernelEngine, ThreadedEngine):
         """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, 100e-9, 60e-9, 25)
 
-    def _follow(self, job: Job, ramp: _common.Ramp | None) -> BondHistory:
+    def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         n = job.lattice.sites.size
         times, draws = job.of_sites()
         sites = _independent.IndependentSites(

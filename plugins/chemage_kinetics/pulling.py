@@ -24,8 +24,7 @@ from chemage.plugin import (
     counters_of,
 )
 from chemage_kinetics import _pulling as kernel
-from chemage_kinetics._common import Array, start_words
-from chemage_kinetics._common import Ramp as RampBounds
+from chemage_kinetics._common import Array, RampBounds, start_words
 from chemage_kinetics._driver import SLICE, Start, bonded, parts_of
 from chemage_kinetics._foreseen import flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
