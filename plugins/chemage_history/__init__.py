@@ -22,6 +22,7 @@ KINDS = {
         "velocity-steps": "chemage_history.protocols:VelocitySteps",
         "load-steps": "chemage_history.protocols:LoadSteps",
         "heating": "chemage_history.protocols:Heating",
+        "creep": "chemage_history.protocols:Creep",
     },
 }
 

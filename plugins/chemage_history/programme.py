@@ -15,6 +15,7 @@ from chemage.plugin import (
     AgeingRequest,
     BondHistory,
     Choice,
+    ContactSolver,
     Engine,
     Output,
     PullHistory,
@@ -38,6 +39,9 @@ OUTPUTS = {
     "step_peak": Output("step", "nN", "largest force of the drive in each step"),
     "step_peak_at": Output("step", "nm", "way of the slider in each step to there"),
     "step_work": Output("step", "nN nm", "work of the drive in each step"),
+    "step_old": Output(
+        "step", "", "bonds at the end, on the first contact's sites"
+    ),
     "step_lost": Output("step", "", "bonds lost as the load changed"),
 }
 
@@ -88,6 +92,18 @@ def follow(
     start = state.handed_on() if isinstance(state, PullHistory) else state
     at = drive.at(segment)
     return pull(drive.engine, lattice, at, segment.times, start=start, **how)
+
+
+def softened(solver: ContactSolver, ratio: float) -> ContactSolver:
+    """``solver`` with its hardness times ``ratio``."""
+    if ratio == 1.0:
+        return solver
+    hardness = getattr(solver, "hardness", None)
+    if hardness is None:
+        raise InputError(
+            "hardness_ratio: this contact has no hardness; give one in [contact]"
+        )
+    return solver.replace(hardness=hardness * ratio)
 
 
 def on_all_sites(lattices: Sequence[ReactionLattice]) -> list[ReactionLattice]:
@@ -165,14 +181,16 @@ class Programme(AgeingMethod):
             raise InputError("bonds last, so that nothing slides; give [breaking]")
 
     def contacts(self, request: AgeingRequest) -> list[ContactSolution]:
-        """The contact in each step, each solved from the one before; of a load that comes back the same one, unless
+        """The contact in each step, each solved from the one before; of conditions that come back the same one, unless
         the contact remembers."""
         contact, surface, solver = request.solution, request.surface, request.solver
-        solved: dict[Any, ContactSolution] = {None: contact, contact.load: contact}
+        first = contact.load
+        solved: dict[Any, ContactSolution] = {(first, 1.0): contact}
         found = []
         for segment in self.segments:
-            load = segment.load
-            if load is not None and load not in solved:
+            load = first if segment.load is None else segment.load
+            at = load, segment.hardness_ratio
+            if at not in solved:
                 if surface is None or solver is None:
                     raise InputError(
                         "load: to change it, give the surface and the solver"
@@ -182,10 +200,11 @@ class Programme(AgeingMethod):
                 remembers = (
                     solver.adheres or contact.plastic_displacement is not None
                 )
-                contact = solve_contact(solver, surface, load, start=contact)
+                softer = softened(solver, segment.hardness_ratio)
+                contact = solve_contact(softer, surface, load, start=contact)
                 solved = {} if remembers else solved
-                solved |= {load: contact, contact.load: contact}
-            contact = solved[load]
+                solved |= {at: contact, (contact.load, at[1]): contact}
+            contact = solved[at]
             found.append(contact)
         return found
 
@@ -232,6 +251,7 @@ class Programme(AgeingMethod):
         ]
         lattices = dict(zip(different, on_all_sites(built), strict=True))
         state, before = None, built[0]
+        first = lattices[id(contacts[0])].forming < ABSENT / 2
         steps: list[StepOutcome] = []
         histories: list[BondHistory | PullHistory] = []
         for segment, contact in zip(self.segments, contacts, strict=True):
@@ -259,7 +279,8 @@ class Programme(AgeingMethod):
                 key=[self.todict(), lattice.digest()],
             )
             before = lattice
-            steps.append(StepOutcome.of(segment, state, lost))
+            old = int(np.count_nonzero(state.state & first))
+            steps.append(StepOutcome.of(segment, state, lost, old))
             # what is pending would fill the memory
             histories.append(state.model_copy(update={"resume": {}}))
         assert state is not None
@@ -267,7 +288,7 @@ class Programme(AgeingMethod):
             name: np.concatenate([getattr(one, name) for one in steps])
             for name in ("bonds", "force", "slider")
         }
-        for name in ("peak", "peak_at", "work", "lost"):
+        for name in ("peak", "peak_at", "work", "lost", "old"):
             values[f"step_{name}"] = np.array([getattr(one, name) for one in steps])
         values |= {
             "step_points": np.array([one.times.size for one in self.segments]),

@@ -175,3 +175,44 @@ class Heating(Protocol):
             end, at = one.bonds[-1], f"at {kelvin:g} K"
             yield f"bonds_{k}", end, "", f"bonds at the end {at}"
             yield f"change_{k}", end - one.bonds[0], "", f"bonds gained {at}"
+
+
+class Creep(Protocol):
+    """Rest while the contact grows because the material creeps: H(t) = H/(1 + m ln(1 + t/τ)), in contacts at equal
+    distances in log t; the bonds at the end, on sites that were in contact from the beginning and on others (Dieterich
+    and Kilgore, Pure Appl. Geophys. 143, 283 (1994))."""
+
+    kind = "creep"
+
+    duration: Time
+    """s"""
+    rate: float = Field(gt=0, le=1)
+    """m, by which the area grows per e-fold of time, over that at the beginning"""
+    onset: Time = Field(default=1.0, gt=0)
+    """τ, s; default: 1 s"""
+    contacts: int = Field(default=12, ge=2, le=1000)
+    """contacts that are solved; default: 12"""
+
+    def expand(self) -> Sequence[HistoryStep]:
+        """See :meth:`Protocol.expand`."""
+        grown = np.log1p(self.duration / self.onset)
+        shares = np.arange(self.contacts + 1) / self.contacts
+        ends = self.onset * np.expm1(grown * shares)
+        # each contact is that of the middle of its step
+        ratios = 1.0 / (1.0 + self.rate * grown * (shares[:-1] + shares[1:]) / 2.0)
+        ratios[0] = 1.0
+        return [
+            HistoryStep(duration=span, hardness_ratio=ratio, points=4)
+            for span, ratio in zip(np.diff(ends), ratios, strict=True)
+        ]
+
+    def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
+        """See :meth:`Protocol.measure`."""
+        old, all_of_them = steps[-1].old, steps[-1].bonds[-1]
+        yield "bonds_old", old, "", "bonds at the end on the area of the beginning"
+        yield (
+            "bonds_new",
+            all_of_them - old,
+            "",
+            "bonds at the end on area that grew",
+        )

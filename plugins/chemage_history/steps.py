@@ -81,6 +81,8 @@ class HistoryStep(Component):
     """a force (nN) or a nominal pressure; first: that of the scene"""
     temperature: Temperature | Towards | None = None
     """K, or ``{to = ...}``, a ramp from that before, which is followed exactly; first: that of ``[hold]``"""
+    hardness_ratio: float | None = Field(default=None, gt=0, le=1)
+    """hardness over that in ``[contact]``: where it falls, the contact creeps; first: 1"""
     points: int | None = Field(default=None, ge=1, le=100_000)
     """times that are recorded besides its beginning: at rest 5 per decade, counted back from the end; else evenly;
     default: 20 at rest, else 100"""
@@ -112,6 +114,8 @@ class Segment:
     spring: float | str | None
     #: K at the end, to which it goes linearly in time; None: it stays
     heated: float | None = None
+    #: hardness over that of the scene
+    hardness_ratio: float = 1.0
 
     def temperatures(self, otherwise: float) -> np.ndarray:
         """(m,) K at its times; ``otherwise`` where it has none."""
@@ -130,10 +134,12 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         A step has no duration, or no speed for its distance.
     """
     begin, speed, load, temperature, spring = 0.0, 0.0, None, None, None
+    ratio = 1.0
     for number, step in enumerate(steps):
         speed = speed if step.speed is None else step.speed
         load = load if step.load is None else step.load
         spring = spring if step.spring is None else step.spring
+        ratio = step.hardness_ratio or ratio
         heated, at = None, step.temperature
         if isinstance(at, Towards):
             heated = at.to
@@ -150,7 +156,8 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         else:
             back = np.arange(points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
-        yield Segment(begin + passed, load, temperature, speed, spring, heated)
+        conditions = load, temperature, speed, spring, heated, ratio
+        yield Segment(begin + passed, *conditions)
         begin, temperature = begin + span, heated or temperature
         if not math.isfinite(begin):
             raise ValueError(f"step {number}: ends beyond the range of numbers")
@@ -175,6 +182,8 @@ class StepOutcome:
     work: float = 0.0
     #: bonds of sites that left the contact as the load changed
     lost: int = 0
+    #: bonds at its end on the sites of the first contact
+    old: int = 0
 
     @classmethod
     def of(
@@ -182,12 +191,13 @@ class StepOutcome:
         segment: Segment,
         history: BondHistory | PullHistory | None = None,
         lost: int = 0,
+        old: int = 0,
     ) -> Self:
         """That of a ``history``; without one nothing happened."""
         none = np.zeros(segment.times.size)
         if not isinstance(history, PullHistory):
             bonds = none if history is None else history.bonds
-            return cls(segment, bonds, none, none, lost=lost)
+            return cls(segment, bonds, none, none, lost=lost, old=old)
         work, slider, times = history.work, history.displacement, segment.times
         last = -1 - max(1, round(LAST * (work.size - 1)))
         way = segment.speed * (times[-1] - times[last])
@@ -201,6 +211,7 @@ class StepOutcome:
             float((work[-1] - work[last]) / way if way else history.force[-1]),
             float(work[-1] - work[0]),
             lost,
+            old,
         )
 
 

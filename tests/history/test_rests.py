@@ -29,7 +29,7 @@ class Rows(ContactSolver):
 
     def _solve(self, surface, load, start):
         pressure = np.zeros(surface.shape)
-        rows = round(load / 10)
+        rows = round(load / 10 / getattr(self, "hardness", 1.0))
         pressure[:rows] = load / (rows * surface.shape[1]) / surface.pixel_size**2 if rows else 0.0
         return ca.ContactSolution(
             pressure=pressure, load=load, pixel_size=surface.pixel_size, modulus=1.0, periodic=True
@@ -280,3 +280,59 @@ def test_p_values_of_many_patches_are_uniform():
         use = mean > 3
         values.append(chi2.sf(((seen - mean)[use] ** 2 / mean[use]).sum(), use.sum() - 1))
     assert kstest(values, "uniform").pvalue > 1e-4
+
+
+class SofterRows(Rows):
+    """Rows whose number grows as the hardness falls."""
+
+    kind = "softer-rows"
+    hardness: float = 1.0
+
+
+def test_on_area_that_grows_bonds_have_the_age_of_their_area():
+    """N(t) = ρ A(0) θ(t) + ρ ∫ A'(t') θ(t − t') dt' without interaction (creep of Dieterich and Kilgore)."""
+    tau, m, duration, contacts = 0.2, 0.08, 40.0, 40
+    protocol = {"kind": "creep", "duration": duration, "rate": m, "onset": tau, "contacts": contacts}
+    programme = Programme(protocol=protocol)
+    flat = ca.Surface(heights=np.zeros((400, 200)), pixel_size=0.2, periodic=True)
+    solver = SofterRows()
+    found = ca.age(
+        solver.solve(flat, 2000.0), independent(), engine=ca.engine("independent"), hold_times=programme.times(),
+        temperature=300, replicas=2, method=programme, surface=flat, solver=solver,
+    )  # fmt: skip
+    forming, breaking = rate(0.8), rate(0.78)
+
+    def theta(age: np.ndarray) -> np.ndarray:
+        return relaxed(np.zeros_like(age), forming, breaking, age)
+
+    times = np.linspace(0.0, duration, 200_001)
+    grows = 200.0 * m / (tau + times)
+    old = 200.0 * theta(np.array([duration]))[0] * 200
+    new = np.trapezoid(grows * theta(duration - times), times) * 200
+    # steps of the area are a part of the growth: 1.5 % of what is new, and a row
+    assert abs(found.observables["bonds_old"].mean() - old) < 4.5 * np.sqrt(old / 2)
+    assert abs(found.observables["bonds_new"].mean() - new) < 4.5 * np.sqrt(new / 2) + 0.015 * new + 200
+    assert found.bonds[0, -1] == found.observables["bonds_old"][0] + found.observables["bonds_new"][0]
+
+
+def test_a_contact_without_hardness_does_not_creep():
+    with pytest.raises(InputError, match="has no hardness"):
+        aged([{"duration": 1.0}, {"hardness_ratio": 0.9, "duration": 1.0}], independent())
+
+
+def test_a_rough_contact_that_creeps_grows_as_its_hardness_falls():
+    """Near full yield the area is F/H."""
+    scene = {
+        "surface": {"kind": "self-affine", "pixels": 64, "pixel_size": 0.5, "rms_slope": 0.8, "hurst": 0.8, "zeta": 16},
+        "contact": {"kind": "fft-bem", "load": "2 GPa", "hardness": "8 GPa", "modulus": 35.3},
+        "forming": {"kind": "gaussian", "mean": 0.8, "std": 0.0},
+        "chemistry": {"site_density": "pixel"},
+        "engine": {"kind": "auto"},
+        "hold": {"temperature": 300, "replicas": 1},
+        "protocol": {"kind": "creep", "duration": "100 s", "rate": 0.02, "contacts": 4},
+    }
+    run = ca.run(scene)
+    area = run.aging.observables["step_area"][0]
+    shares = (np.arange(4) + 0.5) / 4
+    ratio = 1 + 0.02 * np.log1p(100.0) * shares
+    assert np.allclose(area[1:] / area[0], ratio[1:], rtol=0.02)

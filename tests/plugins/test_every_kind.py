@@ -124,6 +124,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("protocol", "velocity-steps"): [{"speeds": [10, 100], "distance": 3}],
     ("protocol", "load-steps"): [{"loads": [50, "10 MPa"], "durations": [1, 2]}],
     ("protocol", "heating"): [{"temperatures": [300, 310], "duration": 1}],
+    ("protocol", "creep"): [{"duration": 10, "rate": 0.02, "contacts": 3}],
     ("ageing", "sample"): [{"share": 0.3, "window": 4}],
     ("pulling", "event-driven"): [{}],
     ("rupture", "pulled"): [
