@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -39,16 +39,6 @@ OUTPUTS = {
     "step_work": Output("step", "nN nm", "work of the drive in each step"),
     "step_lost": Output("step", "", "bonds lost as the load changed"),
 }
-
-
-class _Replica(NamedTuple):
-    """What is kept of a replica."""
-
-    values: dict[str, Any]
-    engine: str
-    notes: tuple[str, ...]
-    plugins: dict[str, str]
-    approximate: list[dict[str, Any]]
 
 
 def state_of(
@@ -198,13 +188,15 @@ class Programme(AgeingMethod):
         if len({contact.load for contact in contacts}) > 1:
             notes.append("friction coefficients are over the load of the scene")
 
+        every, provenances, said = zip(*replicas, strict=True)
+
         def stacked(name: str) -> np.ndarray:
-            return np.stack([one.values[name] for one in replicas])
+            return np.stack([values[name] for values in every])
 
         outputs = {**OUTPUTS, **self.protocol.outputs}
         if not self.driven:
             del outputs["slider"]
-        first = replicas[0]
+        made = [one for each in provenances for one in each]
         return AgedBonds(
             bonds=stacked("bonds"),
             sites=stacked("sites"),
@@ -212,15 +204,15 @@ class Programme(AgeingMethod):
             rupture_force=stacked("force") if self.driven else None,
             observables={name: stacked(name) for name in outputs},
             outputs=outputs,
-            notes=(*first.notes, *notes),
-            engine=first.engine,
-            plugins={k: v for one in replicas for k, v in one.plugins.items()},
-            approximate=[entry for one in replicas for entry in one.approximate],
+            notes=(*said[0], *notes),
+            plugins={k: v for plugins, _ in made for k, v in plugins.items()},
+            approximate=[entry for _, entries in made for entry in entries],
         )
 
     def _replica(
         self, request: AgeingRequest, number: int, contacts: list[ContactSolution]
-    ) -> _Replica:
+    ) -> tuple[dict[str, Any], list[Any], list[str]]:
+        """Its values by name; of what was made on the way plugins and approximations; and notes."""
         seeds = request.seeds(number)
         different = {id(contact): contact for contact in contacts}
         built = [
@@ -228,10 +220,16 @@ class Programme(AgeingMethod):
             for contact in different.values()
         ]
         lattices = dict(zip(different, on_all_sites(built), strict=True))
+        made = [(one.plugins, one.approximate) for one in built]
         state, before = None, built[0]
+        notes: dict[str, None] = {}
         steps: list[StepOutcome] = []
-        histories: list[BondHistory | PullHistory] = []
-        for segment, contact in zip(self.segments, contacts, strict=True):
+        temperatures = [
+            one.temperature or request.temperature for one in self.segments
+        ]
+        for segment, contact, kelvin in zip(
+            self.segments, contacts, temperatures, strict=True
+        ):
             lattice, lost = lattices[id(contact)], 0
             if state is not None and lattice is not before:
                 state, broken = state_of(state, before, lattice), state.broken[-1]
@@ -244,7 +242,7 @@ class Programme(AgeingMethod):
                 state,
                 request.engine,
                 self.drive,
-                temperature=segment.temperature or request.temperature,
+                temperature=kelvin,
                 seed=seeds.noise,
                 contact=contact,
                 chemistry=request.chemistry,
@@ -257,8 +255,8 @@ class Programme(AgeingMethod):
             )
             before = lattice
             steps.append(StepOutcome.of(segment, state, lost))
-            # what is pending would fill the memory
-            histories.append(state.model_copy(update={"resume": {}}))
+            made.append((state.plugins, state.approximate))
+            notes |= dict.fromkeys(state.notes)
         assert state is not None
         values: dict[str, Any] = {
             name: np.concatenate([getattr(one, name) for one in steps])
@@ -270,21 +268,14 @@ class Programme(AgeingMethod):
             "step_points": np.array([one.times.size for one in self.segments]),
             "step_load": np.array([one.load for one in contacts]),
             "step_area": np.array([one.area for one in contacts]),
-            "step_temperature": np.array([one.temperature for one in histories]),
+            "step_temperature": np.array(temperatures),
             "step_speed": np.array([one.speed for one in self.segments]),
             "sites": state.state.size,
             "events": state.formed[-1] + state.broken[-1],
         }
         for name, value, _, _ in self.protocol.measure(steps):
             values[name] = np.float64(value)
-        made = [*built, *histories]
-        return _Replica(
-            values,
-            histories[0].engine,
-            tuple(dict.fromkeys(note for one in histories for note in one.notes)),
-            {name: source for one in made for name, source in one.plugins.items()},
-            [entry for one in made for entry in one.approximate],
-        )
+        return values, made, [*notes]
 
     def expected(
         self, sites: float, kinetics: Mapping[str, float], replicas: int
