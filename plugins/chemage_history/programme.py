@@ -150,6 +150,10 @@ class Programme(AgeingMethod):
         """Refuse steps that are not complete, and a scene whose sections contradict them."""
         if self.driven and parts["chemistry"].breaking is None:
             raise InputError("bonds last, so that nothing slides; give [breaking]")
+        if not parts["engine"].restart:
+            raise InputError(
+                "the engine cannot go on from a history; use another one"
+            )
 
     def contacts(self, request: AgeingRequest) -> list[ContactSolution]:
         """The contact in each step, each solved from the one before; of a load that comes back the same one, unless
