@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -44,16 +44,6 @@ OUTPUTS = {
     ),
     "step_lost": Output("step", "", "bonds lost as the load changed"),
 }
-
-
-class _Replica(NamedTuple):
-    """What is kept of a replica."""
-
-    values: dict[str, Any]
-    engine: str
-    notes: tuple[str, ...]
-    plugins: dict[str, str]
-    approximate: list[dict[str, Any]]
 
 
 def state_of(
@@ -179,6 +169,10 @@ class Programme(AgeingMethod):
         """Refuse steps that are not complete, and a scene whose sections contradict them."""
         if self.driven and parts["chemistry"].breaking is None:
             raise InputError("bonds last, so that nothing slides; give [breaking]")
+        if not parts["engine"].restart:
+            raise InputError(
+                "the engine cannot go on from a history; use another one"
+            )
 
     def contacts(self, request: AgeingRequest) -> list[ContactSolution]:
         """The contact in each step, each solved from the one before; of conditions that come back the same one, unless
@@ -220,13 +214,15 @@ class Programme(AgeingMethod):
         if len({contact.load for contact in contacts}) > 1:
             notes.append("friction coefficients are over the load of the scene")
 
+        every, provenances, said = zip(*replicas, strict=True)
+
         def stacked(name: str) -> np.ndarray:
-            return np.stack([one.values[name] for one in replicas])
+            return np.stack([values[name] for values in every])
 
         outputs = {**OUTPUTS, **self.protocol.outputs}
         if not self.driven:
             del outputs["slider"]
-        first = replicas[0]
+        made = [one for each in provenances for one in each]
         return AgedBonds(
             bonds=stacked("bonds"),
             sites=stacked("sites"),
@@ -234,15 +230,15 @@ class Programme(AgeingMethod):
             rupture_force=stacked("force") if self.driven else None,
             observables={name: stacked(name) for name in outputs},
             outputs=outputs,
-            notes=(*first.notes, *notes),
-            engine=first.engine,
-            plugins={k: v for one in replicas for k, v in one.plugins.items()},
-            approximate=[entry for one in replicas for entry in one.approximate],
+            notes=(*said[0], *notes),
+            plugins={k: v for plugins, _ in made for k, v in plugins.items()},
+            approximate=[entry for _, entries in made for entry in entries],
         )
 
     def _replica(
         self, request: AgeingRequest, number: int, contacts: list[ContactSolution]
-    ) -> _Replica:
+    ) -> tuple[dict[str, Any], list[Any], list[str]]:
+        """Its values by name; of what was made on the way plugins and approximations; and notes."""
         seeds = request.seeds(number)
         different = {id(contact): contact for contact in contacts}
         built = [
@@ -250,10 +246,11 @@ class Programme(AgeingMethod):
             for contact in different.values()
         ]
         lattices = dict(zip(different, on_all_sites(built), strict=True))
+        made = [(one.plugins, one.approximate) for one in built]
         state, before = None, built[0]
         first = lattices[id(contacts[0])].forming < ABSENT / 2
+        notes: dict[str, None] = {}
         steps: list[StepOutcome] = []
-        histories: list[BondHistory | PullHistory] = []
         for segment, contact in zip(self.segments, contacts, strict=True):
             lattice, lost = lattices[id(contact)], 0
             if state is not None and lattice is not before:
@@ -281,8 +278,8 @@ class Programme(AgeingMethod):
             before = lattice
             old = int(np.count_nonzero(state.state & first))
             steps.append(StepOutcome.of(segment, state, lost, old))
-            # what is pending would fill the memory
-            histories.append(state.model_copy(update={"resume": {}}))
+            made.append((state.plugins, state.approximate))
+            notes |= dict.fromkeys(state.notes)
         assert state is not None
         values: dict[str, Any] = {
             name: np.concatenate([getattr(one, name) for one in steps])
@@ -303,14 +300,7 @@ class Programme(AgeingMethod):
         }
         for name, value, _, _ in self.protocol.measure(steps):
             values[name] = np.float64(value)
-        made = [*built, *histories]
-        return _Replica(
-            values,
-            histories[0].engine,
-            tuple(dict.fromkeys(note for one in histories for note in one.notes)),
-            {name: source for one in made for name, source in one.plugins.items()},
-            [entry for one in made for entry in one.approximate],
-        )
+        return values, made, [*notes]
 
     def expected(
         self, sites: float, kinetics: Mapping[str, float], replicas: int
