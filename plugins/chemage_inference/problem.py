@@ -22,6 +22,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -80,12 +81,7 @@ class Prior:
     @cached_property
     def combinations(self) -> list[tuple[float, float, float]]:
         """Smoothness, length (eV) and strength (1/eV) of every choice."""
-        return [
-            (smoothness, length, float(strength))
-            for smoothness in SMOOTHNESSES
-            for length in LENGTHS
-            for strength in STRENGTHS
-        ]
+        return list(product(SMOOTHNESSES, LENGTHS, STRENGTHS.tolist()))
 
     @cached_property
     def parts(self) -> np.ndarray:

@@ -211,16 +211,11 @@ def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def experiment_text(one: Mapping[str, Any]) -> str:
-    """A planned measurement in"""
+    """A planned measurement in words."""
     text = f"{words.power_text(float(one['hold_time']))} s"
     for name, unit in (("load", "nN"), ("temperature", "K")):
-        if one.get(name) is not None:
-            value = one[name]
-            text += (
-                f", {value:g} {unit}"
-                if isinstance(value, int | float)
-                else f", {value}"
-            )
+        if name in one:
+            text += f", {one[name]:g} {unit}"
     return text
 
 
