@@ -313,6 +313,7 @@ def run_with_checkpoints(
         hooks=_HOOKS,
         **call,
         start=None,
+        ramp=None,
     )
     if done is not None and states and done.states is None:
         problem = "it was kept without the states at every hold time"

@@ -380,6 +380,10 @@ class Pulling(Component, ABC):
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
         n = lattice.sites.size
+        if lattice.states is not None:
+            raise InputError(
+                f"lattice: a pull follows sites that are free or bonded, but these are {', '.join(lattice.states)}"
+            )
         if lattice.breaking is None:
             raise InputError(
                 "lattice: bonds last on it, so that no force breaks them; give breaking barriers"

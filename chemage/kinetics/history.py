@@ -44,8 +44,9 @@ if TYPE_CHECKING:
 #: counts of events stop here
 MOST_EVENTS = 2**61
 #: What says in ``resume`` how many random numbers are used up, whatever engine used them: of a run as a whole, of its
-#: selections, of each site, and of the partners that each site has met.
-COUNTERS = ("event", "drawn", "draws", "slips")
+#: selections, of each site, and of the partners that each site has met; and the state of each site where there are more
+#: than two.
+COUNTERS = ("event", "drawn", "draws", "slips", "occupied")
 
 
 class Followed(Observing, Record):

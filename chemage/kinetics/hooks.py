@@ -123,6 +123,7 @@ class _Engine(Stage):
 
     def doubts(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         if self.section in parts:
+            parts[self.section].check_states(parts["chemistry"].states)
             for text in parts[self.section].check("interaction" in parts) or ():
                 yield Doubt("parts", text)
 

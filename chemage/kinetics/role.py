@@ -54,7 +54,16 @@ class Ramp:
             not np.array_equal(
                 np.array(getattr(end, name)), np.array(getattr(lattice, name))
             )
-            for name in ("sites", "neighbours", "coupling", "attempt_frequency")
+            for name in (
+                "sites",
+                "neighbours",
+                "coupling",
+                "attempt_frequency",
+                "states",
+                "transitions",
+                "transition_barriers",
+                "transition_terms",
+            )
         ):
             problem = "has other sites, couplings or attempt frequency"
             raise InputError.of(
@@ -81,6 +90,8 @@ class Engine(Component, ABC):
         interacting: ClassVar[bool] = True
         #: can resume from a history bit for bit
         restart: ClassVar[bool] = True
+    #: follows sites of more states than free and bonded
+    many_states: ClassVar[bool] = False
 
     def concurrency(self) -> int:
         """Threads that one run with these options uses; concurrent replicas share what is left."""
@@ -108,6 +119,14 @@ class Engine(Component, ABC):
             raise InputError(
                 f"engine {self.kind!r} treats sites that do not interact, but this lattice couples neighbours; "
                 "leave out the interaction, or use another engine (for example 'rejection-free')"
+            )
+
+    def check_states(self, states: Sequence[str] | None) -> None:
+        """Raise an InputError where sites have more states than the engine follows."""
+        if states is not None and not self.many_states:
+            raise InputError(
+                f"engine {self.kind!r} follows sites that are free or bonded, but these are {', '.join(states)}; "
+                "leave out the transitions, or use an engine for more states"
             )
 
     def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
@@ -221,6 +240,7 @@ class Engine(Component, ABC):
         times = check_times(hold_times)
         start = checked_start(start, BondHistory, lattice, times, "hold_times")
         self.check(lattice.interacting)
+        self.check_states(lattice.states)
         return times, temperature_value(temperature), start
 
 

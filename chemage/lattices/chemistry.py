@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, cast
+from itertools import chain
+from typing import Annotated, Any, ClassVar, Self, cast
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from chemage.contacts.role import expect_contact
 from chemage.contacts.solution import Contact, ContactSolution, ContactStatistics
@@ -33,6 +35,7 @@ from chemage.lattices.site_grid import (
     Density,
     contact_sites,
 )
+from chemage.lattices.states import TWO_STATES, Transition
 from chemage.plugins import registry
 from chemage.plugins.options import Choice
 from chemage.plugins.sources import noted
@@ -106,10 +109,46 @@ class Chemistry(Component):
     work_of_adhesion: Annotated[Any, Unit("J/m**2", gt=0)] | None = None
     """work of adhesion of the two surfaces, J/m²: the result compares the load of a sphere without adhesion with its
     pull-off force; None: not compared"""
+    transitions: Mapping[str, Transition] | None = None
+    """further transitions by name, each a table of its own; by them a site may have more states than free and bonded"""
+    humidity: Annotated[Any, Unit("", ge=0, lt=1)] | None = None
+    """relative humidity x, such as 0.4 or "40 %", below saturation, on which transitions may depend; None: 0"""
+    initial: str | None = None
+    """state in which sites come into contact; None: those to which free sites under the pressure of the contact
+    come in time without bonds"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        transitions = self.transitions or {}
+        unbonded = {None, *(self.states or TWO_STATES)} - {TWO_STATES[1]}
+        if self.initial not in unbonded:
+            raise ValueError(
+                f"initial: {self.initial!r} is no state without a bond"
+            )
+        if self.humidity is not None and all(
+            each.humidity == "none" for each in transitions.values()
+        ):
+            raise ValueError(
+                "humidity: changes nothing; no transition depends on it"
+            )
+        for name, each in transitions.items():
+            if each.neighbours and self.interaction is None:
+                raise ValueError(
+                    f"transitions.{name}.neighbours: needs [interaction]"
+                )
+        return self
+
+    @property
+    def states(self) -> tuple[str, ...] | None:
+        """Names of the states of a site; None: free and bonded alone."""
+        if not self.transitions:
+            return None
+        every = [each.states for each in self.transitions.values()]
+        return tuple(dict.fromkeys([*TWO_STATES, *chain(*every)]))
 
     def identity(self) -> dict[str, Any]:
         """What decides the bonds: the options without :attr:`limits`, and without the defaults of ``site_density``,
-        which changes nothing where the pixels of the contact are sites, and of ``tensile_sites``."""
+        which changes nothing where the pixels of the contact are sites, of ``tensile_sites``, and of further states."""
         options = {
             name: value
             for name, value in super().identity().items()
@@ -119,7 +158,12 @@ class Chemistry(Component):
             del options["site_density"]
         if self.tensile_sites:
             del options["tensile_sites"]
-        return options
+        return {
+            name: value
+            for name, value in options.items()
+            if value is not None
+            or name not in ("transitions", "humidity", "initial")
+        }
 
     def given_limits(self) -> dict[str, float]:
         """Those of :attr:`limits` that are given: name -> GPa, and J/m² of the work of adhesion."""
@@ -218,6 +262,7 @@ class Chemistry(Component):
             ),
             "attempt_frequency": self.attempt_frequency,
             "pixel_size": touching.spacing,
+            **self._further(sites, pressure, seed),
         }
         if touching.rule != "pixels":
             fields |= {"pressure": pressure, "origin": touching.origin}
@@ -233,6 +278,36 @@ class Chemistry(Component):
                 ),
             }
         return ReactionLattice(**fields)
+
+    def _further(
+        self, sites: np.ndarray, pressure: np.ndarray, seed: Seed
+    ) -> dict[str, Any]:
+        """The fields of a lattice for :attr:`transitions`."""
+        states = self.states
+        if states is None or self.transitions is None:
+            return {}
+        transitions = list(self.transitions.values())
+        barriers = np.empty((sites.size, len(transitions)))
+        for number, each in enumerate(transitions):
+            intrinsic = each.barrier
+            if isinstance(intrinsic, Barriers):
+                ranks = random.uniforms(seed, random.TRANSITION, sites, number)
+                intrinsic = intrinsic.quantile(ranks)
+            barriers[:, number] = effective_forming(
+                intrinsic, each.activation_volume, pressure
+            )
+        return {
+            "states": states,
+            "initial": self.initial and states.index(self.initial),
+            "transitions": [
+                [*map(states.index, each.states)] for each in transitions
+            ],
+            "transition_barriers": barriers,
+            "transition_terms": [
+                [each.neighbours, each.factor(self.humidity or 0.0)]
+                for each in transitions
+            ],
+        }
 
 
 def neighbours_of(contact: ContactSites, interaction: Interaction) -> np.ndarray:
@@ -318,6 +393,11 @@ def contact_statistics(
         Chemistry,
         "make one with chemage.chemistry(forming=...)",
     )
+    if chemistry.states:
+        raise InputError(
+            "transitions: sites of more than two states have no statistics by pressure; simulate every site, without "
+            "[ageing]"
+        )
     if chemistry.site_density == "given":
         raise InputError(
             "site_density = 'given': the sites of a surface have no statistics by pressure; simulate every site, "

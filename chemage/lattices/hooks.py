@@ -202,6 +202,8 @@ class _Chemistry(Stage):
             rows["sites"] = in_words(*grids, gap=gap, ratio=ratio)
         if chemistry.site_density == "given":
             rows["sites"] = "those of the surface"
+        for name, each in (chemistry.transitions or {}).items():
+            rows[name] = f"{each.reaction}; {each.source or 'no source is given'}"
         return rows
 
 

@@ -23,6 +23,7 @@ from chemage.foundation.records import (
     Shorts,
     require_finite,
 )
+from chemage.lattices.states import check_transitions
 
 if TYPE_CHECKING:
     from ase import Atoms
@@ -73,9 +74,31 @@ class ReactionLattice(Observing, Record):
             "eV",
             "what a bonded neighbour adds to the forming barrier",
         ),
+        "transitions": (
+            ("transition", "before_after"),
+            "",
+            "number of the state before and after each further transition",
+        ),
+        "transition_barriers": (("site", "transition"), "eV", "its barrier"),
+        "transition_terms": (
+            ("transition", "term"),
+            "",
+            "share of the couplings that its barrier feels, and factor of its rate",
+        ),
     }
 
-    added = ("positions", "pressure", "origin", "observables", "outputs")
+    added = (
+        "positions",
+        "pressure",
+        "origin",
+        "states",
+        "initial",
+        "transitions",
+        "transition_barriers",
+        "transition_terms",
+        "observables",
+        "outputs",
+    )
 
     pixels: tuple[int, int]
     """(nx, ny) of the grid the sites lie on: that of the pixels of the contact, or a grid of sites of its own"""
@@ -95,6 +118,17 @@ class ReactionLattice(Observing, Record):
     """(n, k) int32, -1 = none; None: nothing interacts"""
     coupling: Reals | None = None
     """(n, k) eV, symmetric"""
+    states: tuple[str, ...] | None = None
+    """names of the states of a site, "free" and "bonded" first; None: these two alone"""
+    initial: int | None = None
+    """number of the state in which sites begin; None: those to which free sites under the pressure of the contact
+    come in time without bonds"""
+    transitions: Indices | None = None
+    """(t, 2) numbers of the states before and after each further transition"""
+    transition_barriers: Doubles | None = None
+    """(n, t) eV"""
+    transition_terms: Doubles | None = None
+    """(t, 2) share of the couplings of bonded neighbours that is added to the barrier, and factor of the rate"""
     attempt_frequency: PositiveNumber = 1e13
     """ν, Hz"""
     pixel_size: PositiveNumber = 1.0
@@ -162,6 +196,12 @@ class ReactionLattice(Observing, Record):
         if self.positions is not None:
             self._check_positions(self.positions, n)
         self._check_graph(n)
+        further = ("transitions", "transition_barriers", "transition_terms")
+        arrays = {name: getattr(self, name) for name in further}
+        if self.states is not None:
+            check_transitions(self.states, self.initial, arrays, n)
+        elif any(array is not None for array in arrays.values()):
+            raise ValueError("transitions: give the names of the states as well")
         return self
 
     def _check_positions(self, positions: np.ndarray, n: int) -> None:

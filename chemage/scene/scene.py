@@ -365,6 +365,9 @@ class Scene(Section):
     def cite(self) -> list[str]:
         """What to cite when a result of this scene is used."""
         sources = [value.source for value in self.from_material]
+        if self.chemistry is not None and self.chemistry.transitions:
+            further = self.chemistry.transitions.values()
+            sources += [each.source for each in further if each.source]
         return list(
             dict.fromkeys(
                 [

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from chemage_kinetics.engines import BKL as BKL
     from chemage_kinetics.engines import Auto as Auto
     from chemage_kinetics.engines import Independent as Independent
+    from chemage_kinetics.engines import ManyStates as ManyStates
     from chemage_kinetics.engines import NextReaction as NextReaction
     from chemage_kinetics.engines import RejectionFree as RejectionFree
     from chemage_kinetics.pulled import Pulled as Pulled
@@ -22,6 +23,7 @@ KINDS = {
         "bkl": "chemage_kinetics.engines:BKL",
         "next-reaction": "chemage_kinetics.engines:NextReaction",
         "independent": "chemage_kinetics.engines:Independent",
+        "many-states": "chemage_kinetics.engines:ManyStates",
     },
     "pulling": {"event-driven": "chemage_kinetics.pulling:EventDriven"},
     "rupture": {"pulled": "chemage_kinetics.pulled:Pulled"},

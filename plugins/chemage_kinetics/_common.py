@@ -131,6 +131,7 @@ STREAMS = {
     "next-reaction": random.KINETICS + 2,
     "independent": random.KINETICS + 3,
     "event-driven": random.KINETICS + 4,
+    "many-states": random.KINETICS + 6,
 }
 
 

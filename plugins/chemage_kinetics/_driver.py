@@ -27,6 +27,17 @@ PROBES = 256
 STEPS_PER_EV = 1000.0 * np.sqrt(2.0)
 
 
+def further(lattice: ReactionLattice) -> tuple[Any, ...]:
+    """States, barriers and terms of transitions beside forming and breaking; () where there are none."""
+    if lattice.states is None:
+        return ()
+    return (
+        lattice.transitions,
+        lattice.transition_barriers,
+        lattice.transition_terms,
+    )
+
+
 def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     """The key of the random numbers of an engine with this ``stream`` on ``lattice``.
 
@@ -41,12 +52,27 @@ def noise_key(seed: Seed, stream: int, lattice: ReactionLattice) -> Key:
     probes = (
         slice(None) if n <= PROBES else np.arange(PROBES) * (n - 1) // (PROBES - 1)
     )
-    numbers = np.array([words[0], words[1], stream, n, lattice.attempt_frequency])
+    more = further(lattice)
+    numbers = np.array(
+        [
+            words[0],
+            words[1],
+            stream,
+            n,
+            lattice.attempt_frequency,
+            *np.ravel(more[2:]),
+        ]
+    )
     content = hashlib.blake2b(
         numbers.astype("<f8").tobytes()
         + lattice.sites[probes].astype("<i8").tobytes()
     )
-    for energies in (lattice.forming, lattice.breaking, lattice.coupling):
+    for energies in (
+        lattice.forming,
+        lattice.breaking,
+        lattice.coupling,
+        *more[1:2],
+    ):
         content.update(b"/")
         if energies is not None:
             steps = np.rint(energies[probes].astype("<f8") * STEPS_PER_EV)
@@ -66,6 +92,7 @@ def fingerprint(lattice: ReactionLattice) -> Array:
         lattice.breaking,
         lattice.neighbours,
         lattice.coupling,
+        *further(lattice),
     ):
         raw = (
             np.empty(0, np.uint8)
@@ -173,6 +200,10 @@ class Pending:
     def draws(self, name: str) -> Array:
         """(n,) int64: random numbers used by each site."""
         return self._whole(name, (self._sites,), 0, MOST_DRAWS)
+
+    def occupied(self, states: int) -> Array:
+        """(n,) int64: the state of each site, -1 where it is not known."""
+        return self._whole("occupied", (self._sites,), -1, states - 1)
 
     def chosen(self, name: str, most: int) -> Array:
         """Up to ``most`` different sites, (h,) int64."""

@@ -140,11 +140,17 @@ def fill(words: Array, model: KineticModel, rates: SiteRates) -> None:
     words = borrowed(words)
     model = borrowed(model)
     rates = borrowed(rates)
+    for i in range(words.size):
+        rates.tree[i] = site_rate(i, words, model)
+    sum_leaves(words.size, rates)
+
+
+@inner
+def sum_leaves(sites: Int, rates: SiteRates) -> None:
+    """Fill every level above the leaves of ``sites``."""
     tree = rates.tree
     starts = rates.starts
-    for i in range(words.size):
-        tree[i] = site_rate(i, words, model)
-    for i in range(words.size, starts[1]):
+    for i in range(sites, starts[1]):
         tree[i] = 0.0
     for level in range(1, starts.size - 1):
         below = starts[level - 1]

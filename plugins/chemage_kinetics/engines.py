@@ -9,11 +9,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ReactionLattice
-from chemage.plugin import BondHistory, Engine, Ramp, counters_of, threads
+from chemage.plugin import BondHistory, Engine, Output, Ramp, counters_of, threads
 from chemage_kinetics import (
     _bkl,
     _common,
     _independent,
+    _many_states,
     _next_reaction,
     _rejection_free,
 )
@@ -36,6 +37,7 @@ from chemage_kinetics._driver import (
     run_pieces,
 )
 from chemage_kinetics._event_queue import MOST_BUCKETS, Order, new_queue
+from chemage_kinetics._many_states import BONDED, ManyStatesRun
 from chemage_kinetics._rate_classes import members, new_classes
 from chemage_kinetics._rejection_free import (
     ROOM,
@@ -44,6 +46,7 @@ from chemage_kinetics._rejection_free import (
     fill,
     relist,
 )
+from chemage_kinetics._transitions import initial_states, transitions_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -134,10 +137,15 @@ class KernelEngine(Engine):
             name: np.concatenate([getattr(one, name)[:-1] for one in seen])
             for name in ("bonds", "formed", "broken")
         }
+        curves = {
+            name: np.concatenate([one.observables[name][:-1] for one in seen])
+            for name in seen[-1].observables
+        }
         # the pending events are those of the last bounds
         return seen[-1].model_copy(
             update={
                 **counts,
+                "observables": curves,
                 "hold_times": hold_times,
                 "temperature": ramp.temperature,
                 "resume": counters_of(seen[-1].resume),
@@ -147,6 +155,43 @@ class KernelEngine(Engine):
     @abstractmethod
     def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         """Follow the bonds to the last hold time, at the rates of the job or, with a ramp, under them."""
+
+    def chains(self, ramp: _common.RampBounds | None) -> bool | None:
+        """Whether sites that flicker are two-state chains, as the kernels are told."""
+        return None
+
+    def _advanced(
+        self,
+        job: Job,
+        run: BklRun | RejectionFreeRun | ManyStatesRun,
+        advance: Callable[..., None],
+        ramp: _common.RampBounds | None,
+        *counted: tuple[str, int],
+    ) -> dict[str, Array]:
+        """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
+        to be resumed from."""
+        counters = run.counters
+        for name, place in counted:
+            counters[place] = (
+                job.carried(name) if job.resume is None else job.resume.count(name)
+            )
+        if job.resume is not None:
+            run.clock[:] = job.resume.clock("clock")
+            counters[LAST] = job.resume.site("last")
+        else:
+            counters[EVENT] += (
+                1  # the random numbers of the pending event are used up
+            )
+            counters[LAST] = -1
+        while not counters[DONE]:
+            advance(run, self.chains(ramp), ramp, SLICE)
+        return {
+            "clock": run.clock,
+            **{
+                name: counters[[place]]
+                for name, place in (("last", LAST), *counted)
+            },
+        }
 
 
 class ThreadedEngine(Engine):
@@ -180,11 +225,11 @@ class FlickerEngine(Engine):
     cost does not depend on the number of its events (Novotny 1995); not in ramps, where rates change; default: no"""
 
     def chains(self, ramp: _common.RampBounds | None) -> bool | None:
-        """Whether it does, as the kernels are told."""
+        """See :meth:`KernelEngine.chains`."""
         return (self.superbasins and ramp is None) or None
 
 
-class EventEngine(KernelEngine, FlickerEngine):
+class EventEngine(FlickerEngine, KernelEngine):
     """An engine that follows events one by one."""
 
     #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
@@ -195,39 +240,6 @@ class EventEngine(KernelEngine, FlickerEngine):
     ) -> dict[str, float]:
         """See :meth:`chemage.plugin.Engine.expected`."""
         return expected_cost(sites, *self.cost, events, self.superbasins)
-
-    def _advanced(
-        self,
-        job: Job,
-        run: BklRun | RejectionFreeRun,
-        advance: Callable[..., None],
-        ramp: _common.RampBounds | None,
-        *counted: tuple[str, int],
-    ) -> dict[str, Array]:
-        """Follow a run to the last hold time; ``counted``: its counters of random numbers. Returns clock and counters,
-        to be resumed from."""
-        counters = run.counters
-        for name, place in counted:
-            counters[place] = (
-                job.carried(name) if job.resume is None else job.resume.count(name)
-            )
-        if job.resume is not None:
-            run.clock[:] = job.resume.clock("clock")
-            counters[LAST] = job.resume.site("last")
-        else:
-            counters[EVENT] += (
-                1  # the random numbers of the pending event are used up
-            )
-            counters[LAST] = -1
-        while not counters[DONE]:
-            advance(run, self.chains(ramp), ramp, SLICE)
-        return {
-            "clock": run.clock,
-            **{
-                name: counters[[place]]
-                for name, place in (("last", LAST), *counted)
-            },
-        }
 
 
 class RejectionFree(EventEngine):
@@ -278,6 +290,70 @@ class RejectionFree(EventEngine):
         )
         return job.history(
             bonded(words), fast=rates.sites[: rates.listed[0]].copy(), **done
+        )
+
+
+class ManyStates(KernelEngine):
+    """Direct method on an eight-way sum tree for sites of any number of states: every transition is an event.
+
+    The number of sites in each state but ``bonded`` is recorded as ``sites_STATE``.
+    """
+
+    kind = "many-states"
+    cite = RejectionFree.cite
+    bibtex = RejectionFree.bibtex
+    many_states: ClassVar[bool] = True
+
+    def expected(
+        self, sites: float, interacting: bool, events: float | None = None
+    ) -> dict[str, float]:
+        """See :meth:`chemage.plugin.Engine.expected`."""
+        return expected_cost(sites, 700e-9, 60e-9, 80, events)
+
+    def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
+        lattice = job.lattice
+        transitions = transitions_of(lattice)
+        names = lattice.states or ("free", "bonded")
+        heat = 1.0 if ramp is None else ramp.heat[0]
+        states = initial_states(
+            job, transitions, heat * job.temperature, len(names)
+        )
+        begun = np.bincount(states, minlength=len(names))
+        fields = np.zeros(states.size, np.int64)
+        no_barriers = np.zeros(states.size)
+        _common.start_words(no_barriers, job.model, job.state, fields)
+        fields >>= 1
+        run = ManyStatesRun(
+            key=job.key,
+            holds=job.holds,
+            model=job.model,
+            transitions=transitions,
+            states=states,
+            fields=fields,
+            rates=empty_rates(
+                transitions.barriers.size,
+                # blocks that the leaves of a site and its neighbours lie in
+                (job.model.neighbours.shape[1] + 1) * (len(transitions.pairs) + 1),
+                listing=False,
+            ),
+            changes=np.zeros((job.times.size, len(names)), np.int64),
+            clock=np.array([job.time, 0.0]),
+            counters=np.zeros(5, np.int64),
+        )
+        _many_states.fill(run)
+        done = self._advanced(
+            job, run, _many_states.advance, ramp, ("event", EVENT)
+        )
+        history = job.history(states == BONDED, occupied=states, **done)
+        counts = begun + np.cumsum(run.changes, axis=0)
+        curves = {
+            f"sites_{name}": counts[:, at]
+            for at, name in enumerate(names)
+            if at != BONDED
+        }
+        outputs = {name: Output("hold_time").todict() for name in curves}
+        return history.model_copy(
+            update={"observables": curves, "outputs": outputs}
         )
 
 
@@ -457,16 +533,19 @@ class Independent(KernelEngine, ThreadedEngine):
 class Auto(FlickerEngine, ThreadedEngine):
     """The engine that suits the lattice; :meth:`choose` returns it, with the reason.
 
-    ``independent`` where no site interacts with another. ``next-reaction`` for many sites in patches none of which
-    holds most of them, and for several patches with ``superbasins``. Otherwise ``rejection-free``. All are exact, so
-    the selection affects the sample and its cost and not its distribution. It depends on the lattice and
-    ``superbasins`` alone, not on the number of threads.
+    ``many-states`` where sites have more than two states. ``independent`` where no site interacts with another.
+    ``next-reaction`` for many sites in patches none of which holds most of them, and for several patches with
+    ``superbasins``. Otherwise ``rejection-free``. All are exact, so the selection affects the sample and its cost and
+    not its distribution. It depends on the lattice and ``superbasins`` alone, not on the number of threads.
     """
 
     kind = "auto"
+    many_states: ClassVar[bool] = True
 
     def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
         """The engine for this lattice, and why."""
+        if lattice.states is not None:
+            return ManyStates(), f"sites are {', '.join(lattice.states)}"
         if lattice.neighbours is None:
             engine = Independent(threads=self.threads)
             return (
@@ -501,8 +580,8 @@ class Auto(FlickerEngine, ThreadedEngine):
 
     def warm_up(self, lattice: ReactionLattice, temperature: float) -> None:
         """Compile the engines between which a lattice of other size and patches may decide; the likelier one first."""
-        if lattice.neighbours is None:
-            Independent().warm_up(lattice, temperature)
+        if lattice.states is not None or lattice.neighbours is None:
+            self.choose(lattice)[0].warm_up(lattice, temperature)
             return
         patches_of(lattice.neighbours)
         RejectionFree(superbasins=self.superbasins).warm_up(lattice, temperature)

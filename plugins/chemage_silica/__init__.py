@@ -1,8 +1,8 @@
 """Silica surfaces with silanol groups that form siloxane bridges.
 
 After Li, Pastewka & Szlufarska, Phys. Rev. E 98, 023001 (2018): the barrier distribution ``md-silica``, and the scenes
-``silica-rough``, ``silica-patch``, ``silica-tip``, ``silica-tips``, ``silica-afm-tip`` and ``silica-linear-tip``, and
-the material ``silica``.
+``silica-rough``, ``silica-patch``, ``silica-tip``, ``silica-tips``, ``silica-afm-tip``, ``silica-linear-tip`` and
+``silica-humid-tip``, and the material ``silica``.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ def chemage_scenes() -> dict[str, str]:
         "silica-tips",
         "silica-afm-tip",
         "silica-linear-tip",
+        "silica-humid-tip",
     )
     return {name: f"chemage_silica:scenes/{name}.toml" for name in names}
 
