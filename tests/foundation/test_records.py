@@ -96,9 +96,25 @@ def test_every_field_is_part_of_the_digest(make):
         "member_ratios": np.ones((4, 3)),
         "outputs": {"x": {"dims": ["bin"], "unit": "nm", "description": ""}},
     }
+    further = {
+        "states": ("free", "bonded", "dry"),
+        "initial": 0,
+        "transitions": np.array([[2, 0]]),
+        "transition_barriers": np.ones((3, 1)),
+        "transition_terms": np.ones((1, 2)),
+    }
+    others = {
+        "states": ("free", "bonded", "wet"),
+        "initial": 2,
+        "transitions": np.array([[0, 2]]),
+        "transition_barriers": np.zeros((3, 1)),
+        "transition_terms": np.zeros((1, 2)),
+    }
     for name in type(record).model_fields:
         value = getattr(record, name)
-        if name == "neighbours":
+        if make.__name__ == "lattice" and name in further:  # they belong together
+            change = {**further, name: others[name]}
+        elif name == "neighbours":
             change = {"neighbours": None, "coupling": None}
         elif name == "coupling":
             change = {"coupling": value * 2}

@@ -117,6 +117,7 @@ CASES: dict[tuple[str, str], list[dict[str, Any]]] = {
     ("engine", "bkl"): [{}],
     ("engine", "next-reaction"): [{}],
     ("engine", "independent"): [{}],
+    ("engine", "many-states"): [{}],
     ("engine", "auto"): [{}],
     ("ageing", "closure"): [{}],
     ("protocol", "steps"): [{"step": [{"duration": 1}, {"speed": 3, "distance": 2}]}],
@@ -179,6 +180,7 @@ SECOND = {
     # the kinetics of these is compared with the master equation elsewhere too
     ("engine", "bkl", 0),
     ("engine", "next-reaction", 0),
+    ("engine", "many-states", 0),
     ("contact", "fft-bem", 1),
     # as jkr and dmt, and closure
     ("contact", "maugis", 0),
@@ -211,6 +213,7 @@ SLOW = {
     "bkl": LONGEST,
     "next-reaction": LONGEST | {"options_keep_the_rates", "history_adds_up"},
     "independent": LONGEST,
+    "many-states": LONGEST,
     "auto": LONGEST | OTHERS,
 }
 
