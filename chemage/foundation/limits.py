@@ -18,7 +18,7 @@ ABSENT = {
         "capillar",
         "menisc",
         "lubric",
-    ): "water, vapour and liquids are not modelled",
+    ): "of water there is chemistry.humidity, for its transitions; no liquid",
     (
         "velocit",
         "sliding",
@@ -32,7 +32,7 @@ ABSENT = {
         "laws of sliding such as rate-and-state are not modelled; a rupture law may have a speed"
     ),
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
-        "the temperature is constant in each [[step]]; a sweep over hold.temperature compares several"
+        "the temperature is constant during a hold; [[step]] changes it, and a sweep over hold.temperature compares several"
     ),
     (
         "wear",
@@ -43,8 +43,8 @@ ABSENT = {
     ("plastic", "yield", "harden"): (
         "of plastic flow there is the hardness of a contact, its largest pressure"
     ),
-    ("visco", "creep", "relaxation", "loss_modul", "storage_modul"): (
-        "creep and viscoelasticity are not modelled: contact does not change with time"
+    ("visco", "relaxation", "loss_modul", "storage_modul"): (
+        "viscoelasticity is not modelled: contact does not change with time"
     ),
     ("inertia", "mass", "damping", "vibrat"): "inertia is not modelled",
 }

@@ -111,8 +111,10 @@ def on_all_sites(lattices: Sequence[ReactionLattice]) -> list[ReactionLattice]:
 
 
 def _embedded(lattice: ReactionLattice, sites: np.ndarray) -> ReactionLattice:
-    if lattice.positions is not None:
-        raise InputError("load: sites at positions of their own need one load")
+    if lattice.positions is not None or lattice.states is not None:
+        raise InputError(
+            "load: sites at positions of their own, or of more than two states, need one load"
+        )
     at = np.searchsorted(sites, lattice.sites)
 
     def spread(values: np.ndarray, empty: float) -> np.ndarray:

@@ -194,7 +194,9 @@ class Creep(Protocol):
         """See :meth:`Protocol.expand`."""
         grown = np.log1p(self.duration / self.onset)
         shares = np.arange(self.contacts + 1) / self.contacts
-        ends = self.onset * np.expm1(grown * shares)
+        ends = np.geomspace(
+            self.onset, self.onset + self.duration, self.contacts + 1
+        )
         # each contact is that of the middle of its step
         ratios = 1.0 / (1.0 + self.rate * grown * (shares[:-1] + shares[1:]) / 2.0)
         ratios[0] = 1.0

@@ -79,7 +79,7 @@ class Prior:
     nodes: np.ndarray
 
     @cached_property
-    def combinations(self) -> list[tuple[float, float, float]]:
+    def combinations(self) -> list[tuple[float, ...]]:
         """Smoothness, length (eV) and strength (1/eV) of every choice."""
         return list(product(SMOOTHNESSES, LENGTHS, STRENGTHS.tolist()))
 

@@ -19,8 +19,7 @@ SCENE = {
     "hold": {"start": 1e-3, "stop": 1e3, "per_decade": 2},
 }
 ASKED = {
-    "chemistry.humidity": "water, vapour and liquids are not modelled",
-    "chemistry.relative_humidity": "water, vapour and liquids are not modelled",
+    "chemistry.relative_humidity": "of water there is chemistry.humidity",
     "hold.velocity": "laws of sliding such as rate-and-state are not modelled",
     "hold.sliding_speed": "laws of sliding such as rate-and-state are not modelled",
     "velocity": "laws of sliding such as rate-and-state are not modelled",
@@ -29,7 +28,7 @@ ASKED = {
     "wear": "wear is not modelled",
     "contact.plasticity": "of plastic flow there is the hardness of a contact",
     "contact.yield_stress": "of plastic flow there is the hardness of a contact",
-    "contact.viscosity": "creep and viscoelasticity are not modelled",
+    "contact.viscosity": "viscoelasticity is not modelled",
 }
 
 
@@ -48,7 +47,7 @@ def test_a_scene_that_asks_for_it_is_told_so(path, answer):
 def test_a_component_and_a_kind_are_told_too():
     with pytest.raises(ca.InputError, match=r"wear: no such option .wear is not modelled"):
         ca.contact("hertz", modulus=35.3, wear=0.1)
-    with pytest.raises(ca.InputError, match=r"no contact 'viscoelastic' .creep and viscoelasticity are not modelled"):
+    with pytest.raises(ca.InputError, match=r"no contact 'viscoelastic' .viscoelasticity is not modelled"):
         ca.contact("viscoelastic")
 
 
