@@ -366,7 +366,7 @@ UNKNOWN = {
 @pytest.mark.parametrize(
     ("name", "calibration", "seeds"),
     [
-        ("both", 0.2, [1]),
+        pytest.param("both", 0.2, [1], marks=pytest.mark.campaign),
         *(
             pytest.param(name, calibration, [1, 2, 3], marks=pytest.mark.campaign)
             for name in UNKNOWN
