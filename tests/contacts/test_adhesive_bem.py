@@ -123,7 +123,7 @@ def test_a_cycle_of_long_range_loses_nothing():
     assert loop.dissipated.value < 1e-3 * loop.pull_off.value
 
 
-@pytest.mark.parametrize("law", ["exponential", "dugdale"])
+@pytest.mark.parametrize("law", [pytest.param("exponential", marks=pytest.mark.long), "dugdale"])
 def test_a_hard_small_sphere_pulls_off_as_dmt(law):
     """Tabor's parameter 0.05: 2πwR within 2 %, and the law does not matter."""
     radius, work = 30.0, 0.1

@@ -170,6 +170,7 @@ def test_a_path_of_loads_encloses_pull_off():
     assert abs(by_load.value - by_approach.value) < by_load.half_width + by_approach.half_width
 
 
+@pytest.mark.long
 def test_a_rough_path_down_and_up_begins_and_ends_apart():
     surface = ca.surface("self-affine", pixels=32, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=4, eta=2).make(1)
     load = 0.02 * E * surface.rms_slope * surface.nominal_area
@@ -182,7 +183,10 @@ def test_a_rough_path_down_and_up_begins_and_ends_apart():
     assert loop.jump_out.value <= loop.jump_in.value + 1e-12
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long), pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(2, marks=pytest.mark.campaign), pytest.param(3, marks=pytest.mark.campaign)]
+)
+@pytest.mark.long
 def test_smaller_pixels_change_a_rough_path_about_as_much_as_it_states(seed):
     """Of four pixels to the shortest wave, against sixteen."""
     options = {"rms_slope": 0.17, "hurst": 0.8, "zeta": 8, "eta": 2}
@@ -262,7 +266,8 @@ def test_an_elastic_path_is_its_contacts():
     assert loop.pull_off.reason == "nothing adheres"
 
 
-@pytest.mark.parametrize(("law", "seed"), [pytest.param("dugdale", 1, marks=pytest.mark.long), ("exponential", 2)])
+@pytest.mark.parametrize(("law", "seed"), [("dugdale", 1), pytest.param("exponential", 2, marks=pytest.mark.campaign)])
+@pytest.mark.long
 def test_what_a_loose_tolerance_changes_of_a_loop_is_within_its_errors(seed, law):
     surface = ca.surface("self-affine", pixels=36, pixel_size=0.5, rms_slope=0.1, hurst=0.8, zeta=4, eta=2).make(seed)
     solver = soft(law=law, range=0.5, work_of_adhesion=0.3)

@@ -289,6 +289,7 @@ class SofterRows(Rows):
     hardness: float = 1.0
 
 
+@pytest.mark.long
 def test_on_area_that_grows_bonds_have_the_age_of_their_area():
     """N(t) = ρ A(0) θ(t) + ρ ∫ A'(t') θ(t − t') dt' without interaction (creep of Dieterich and Kilgore)."""
     tau, m, duration, contacts = 0.2, 0.08, 40.0, 40

@@ -400,6 +400,7 @@ def test_states_are_refused_where_they_would_be_ignored():
         ca.plugin.contact_statistics(plate(10), humid(0.2))
 
 
+@pytest.mark.long
 def test_a_state_that_nothing_enters_or_leaves_is_fine():
     for reaction, initial, left in (("dry -> free", "dry", 0), ("free -> blocked", "free", 100)):
         one = humid(0.0, initial=initial).replace(

@@ -148,11 +148,12 @@ def trio(flicker: float, others: float) -> tuple[ReactionLattice, np.ndarray, fl
 @pytest.mark.parametrize(
     ("kind", "flicker"),
     [
-        *((kind, 3000.0) for kind in ENGINES),
-        *(
-            pytest.param(kind, 40.0, marks=pytest.mark.campaign if kind == "bkl" else pytest.mark.long)
-            for kind in ENGINES
-        ),
+        ("next-reaction", 3000.0),
+        pytest.param("rejection-free", 3000.0, marks=pytest.mark.long),
+        pytest.param("bkl", 3000.0, marks=pytest.mark.long),
+        pytest.param("next-reaction", 40.0, marks=pytest.mark.long),
+        pytest.param("rejection-free", 40.0, marks=pytest.mark.long),
+        pytest.param("bkl", 40.0, marks=pytest.mark.campaign),
     ],
 )
 def test_the_acceleration_follows_the_master_equation(kind, flicker):
