@@ -337,16 +337,19 @@ class Run:
 
 
 def _kinds(aging: Aging | None) -> dict[str, str | None]:
-    """Section -> kind of the component of each stage of the ageing; None where there is none."""
+    """Section -> kind of the component of each stage of the ageing; None where there is none, but for stages of plugins,
+    so that a summary does not depend on what is installed."""
     kinds: dict[str, str | None] = {}
+    others = registry.current().owners
     for stage in registry.stages():
         if stage.role and stage.key == "aging" and not stage.many:
             part = (
                 aging.provenance.get(stage.section) if aging is not None else None
             )
-            kinds[stage.section] = (
-                part.get("kind") if isinstance(part, Mapping) else None
-            )
+            if isinstance(part, Mapping):
+                kinds[stage.section] = part.get("kind")
+            elif stage.section not in others:
+                kinds[stage.section] = None
     return kinds
 
 

@@ -105,8 +105,9 @@ class EventDriven(Pulling):
         assert ramp.lattice is not None
         last, _ = moved(own, ramp.lattice, seen[-1], None)
         highest = max(seen, key=lambda one: one.peak)
+        of_time = last.arrays[last.of_times][0]
         named = [
-            name for name, (dims, _, _) in last.arrays.items() if dims == ("time",)
+            name for name, (dims, _, _) in last.arrays.items() if dims == of_time
         ]
         return last.model_copy(
             update={

@@ -272,7 +272,7 @@ def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
         - set(ca.run(ca.parse_scene({name: SCENE[name] for name in ("name", "surface", "contact")})).contact.summary())
     )
     assert missing == {
-        *("solver", "engine", "ageing", "protocol", "rupture", "converged", "residual", "iterations", "sites"),
+        *("solver", "engine", "ageing", "rupture", "converged", "residual", "iterations", "sites"),
         *("site_grid", "events"),
         *("common_random_numbers", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
         *("cutoff_time_high", "cutoff_reason", "timings", "keys", "mean_shear_stress"),
