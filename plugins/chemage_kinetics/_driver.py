@@ -460,6 +460,8 @@ def parts_of(
         shares = np.array([part, part + 1]) / count
         since, until = begin + (final - begin) * shares
         until = final if part == count - 1 else until
+        # the first part has its beginning as well
+        inside = (times <= until) & ((times > since) | (part == 0))
         kelvins = temperature + (kelvin - temperature) * shares
         hottest = float(kelvins.max())
         lowest, above = {}, {}
@@ -471,9 +473,7 @@ def parts_of(
         yield RampPart(
             lattice.model_copy(update=lowest),
             hottest,
-            np.append(times[(times > since) & (times <= until)], until)
-            if part
-            else np.append(times[times <= until], until),
+            np.append(times[inside], until),
             _common.RampBounds(
                 float(since),
                 float(until - since),
