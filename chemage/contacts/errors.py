@@ -185,7 +185,7 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
         elif name != "corrected_area":
             low, high = value / area * low, value / area * high
         return quantity.within(
-            low, high, (high - low) / 2 / NORMAL_LIMIT, stated="half_width"
+            low, high, (high - low) / 2 / NORMAL_LIMIT, stated="ends"
         )
     least = {"area": contact.least_area, "load": 0.0}.get(name, -math.inf)
     low, high = max(value - below, least), value + above
@@ -193,7 +193,7 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
         low,
         high,
         (high - low) / 2 / NORMAL_LIMIT,
-        stated="half_width",
+        stated="ends",
         errors={
             part: ErrorPart(
                 (down + up) / 2 / NORMAL_LIMIT,

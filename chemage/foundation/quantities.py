@@ -200,7 +200,7 @@ class Quantity(Declared):
         beside_middle = abs(self.low + self.high - 2 * self.value) > UNEVEN * (
             self.high - self.low
         )
-        if math.isfinite(self.low) and (self.stated == "ends" or beside_middle):
+        if math.isfinite(self.low) and beside_middle:
             return with_interval(self.value, self.low, self.high)
         if self.stated:
             return plus_minus(self.value, self.half_width)

@@ -88,15 +88,18 @@ def _rounded(value: float, digits: int) -> str:
 
 def with_interval(value: float, low: float, high: float) -> str:
     """``value [low, high]``, all rounded to :func:`decimals` of half the width, to six digits at most, ``value ± half``
-    where these do not tell the ends apart; without an interval where it has no width, since the data do not scatter."""
+    where these do not tell the ends apart; without an interval where it has no width, since the data do not scatter.
+    A value that does not lie in its interval, as a known bias is left in it, is no estimate of the truth: the text says
+    where that is."""
     width, largest = high - low, max(abs(value), abs(low), abs(high))
     if not math.isfinite(value):
         return "undetermined"
     if math.isfinite(width) and width <= ROUNDING * largest:
         return f"{value:.4g} {NO_SCATTER}"
+    outside = "" if low <= value <= high else ", truth in"
     sizes = [abs(number) for number in (value, low, high) if number != 0]
     if not math.isfinite(width) or largest > 100 * min(sizes):
-        return f"{value:.4g} [{low:.3g}, {high:.3g}]"
+        return f"{value:.4g}{outside} [{low:.3g}, {high:.3g}]"
     most = 5 - math.floor(math.log10(largest))  # decimal places that are six digits
     digits = min(most, decimals(0.5 * width))
     if 1e-3 <= largest < 1e5:
@@ -106,8 +109,8 @@ def with_interval(value: float, low: float, high: float) -> str:
         text, *ends = (f"{number:.{figures}e}" for number in (value, low, high))
     return (
         f"{text} ± {0.5 * width:.1g}"
-        if ends[0] == ends[1]
-        else f"{text} [{', '.join(ends)}]"
+        if ends[0] == ends[1] and not outside
+        else f"{text}{outside} [{', '.join(ends)}]"
     )
 
 

@@ -80,6 +80,9 @@ def test_the_interval_of_an_area_is_about_the_one_without_the_excess_of_its_rim(
     area, corrected = contact.quantity("area"), contact.quantity("corrected_area")
     assert area.low < corrected.value < area.high < area.value
     assert (corrected.low, corrected.high) == (area.low, area.high)
+    # neither a text nor a table gives half a width about a value outside
+    assert ", truth in [" in area.text()
+    assert [name for name, *_ in area.columns()][2:] == ["area_low", "area_high"]
     down, up = contact.errors["area"]["pixel"]
     assert up < 0 < down
     assert area.errors["pixel"].size == pytest.approx((area.high - area.low) / 4, rel=0.05)
