@@ -113,6 +113,7 @@ from chemage.foundation import container as container
 from chemage.foundation.records import content_hash as content_hash
 from chemage.foundation.units import convert as convert
 from chemage.lattices.chemistry import coordination as coordination
+from chemage.ageing.covariance import correlated_errors as correlated_errors
 from chemage.kinetics.history import counters_of as counters_of
 from chemage.foundation.result import displays as displays
 from chemage.foundation import figures as figures
@@ -145,6 +146,7 @@ from chemage.surfaces.reading import reader_for as reader_for
 from chemage.foundation.outputs import record as record
 from chemage.plugins import registry as registry
 from chemage.foundation.files import regular_file as regular_file
+from chemage.foundation.result import result_of as result_of
 from chemage.surfaces import roughness as roughness
 from chemage.kinetics.role import run_kinetics as run_kinetics
 from chemage.friction.role import rupture_bonds as rupture_bonds

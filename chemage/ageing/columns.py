@@ -651,6 +651,11 @@ def _check_unknown(text: str, place: int, where: str, example: str) -> None:
     """Refuse a heading that is a number, or the name of a column with a slip of the pen."""
     head = re.sub(r"[\s_]+", " ", re.sub(r"[(\[,/].*", "", text)).strip()
     head = head.lower().replace(" ", "_")
+    if head.endswith("_half_width"):
+        raise InputError(
+            f"{where}: column {place + 1}, {shown(text)}, is of means that chemage printed, without the correlation of "
+            "their errors; give the file of the result itself"
+        )
     number = _matched(text) is not None
     if number or difflib.get_close_matches(head, NAMES, n=1, cutoff=0.7):
         raise InputError(

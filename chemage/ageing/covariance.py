@@ -19,6 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from chemage.foundation.errors import InputError
+from chemage.foundation.quantities import Curve
+from chemage.foundation.statistics import student_limit
+
 #: the values of c that are averaged over
 EXCHANGES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 #: part of the mean at the last hold time below which means are not distinguished
@@ -119,11 +123,18 @@ class CurveError:
         """v"""
         return float(self.variances.sum())
 
-    def matrix(self) -> np.ndarray:
-        """(m, m) the covariance of the mean."""
-        return self.variance * np.outer(self.along, self.along) + np.einsum(
-            "k,kij->ij", self.weights, self.rests
-        )
+    def matrix(self, level: float | None = None) -> np.ndarray:
+        """(m, m) the covariance of the mean; with a ``level`` of a normal error whose interval of that probability is
+        Student's."""
+        wider = np.ones(2)
+        if level is not None:
+            below = float((self.variances**2 / self.freedoms).sum())
+            freedoms = self.variance**2 / below if below else 1.0, self.rest_freedom
+            limits = [student_limit(each, level) for each in (*freedoms, np.inf)]
+            wider = (np.array(limits[:2]) / limits[2]) ** 2
+        rest = np.einsum("k,kij->ij", self.weights, self.rests)
+        shared = self.variance * np.outer(self.along, self.along)
+        return wider[0] * shared + wider[1] * rest
 
     def chance(
         self, residual: np.ndarray, noise: np.ndarray, places: np.ndarray
@@ -171,6 +182,45 @@ class CurveError:
                 -2 * (np.log(max(first, 1e-300)) + np.log(max(second, 1e-300))), 4
             )
         )
+
+
+def correlated_errors(
+    curve: Curve, level: float = 0.9
+) -> tuple[np.ndarray, np.ndarray]:
+    """Standard errors of a simulated curve at its points above 0, and the correlation of each with the point before.
+
+    The errors are a Markov chain where bonds do not break: B and φφᵀ are products of a function of the earlier and one
+    of the later time. Else it is the chain that comes closest to them, the one with the same correlations of neighbours
+    (Chow & Liu, IEEE Trans. Inf. Theory 14, 462 (1968)).
+
+    Parameters
+    ----------
+    curve
+        With the samples of its mean, or with an error that all points share.
+    level
+        Normal errors of this size have intervals of this probability that are as wide as Student's.
+
+    Raises
+    ------
+    InputError
+        The curve has no error, as that of a single replica.
+    """
+    above = curve.x > 0
+    shared, mean = np.nan_to_num(curve.shared)[above], curve.mean[above]
+    covariance = np.outer(shared, shared)
+    if curve.samples:
+        samples = [values[:, above] for values in curve.samples]
+        # where no bond has formed, half a one may have
+        half = 0.5 * _step(samples[0], SMALLEST * float(mean.max(initial=0.0)))
+        least = mean + half / len(samples[0])
+        covariance = covariance + CurveError.of(samples, least).matrix(level)
+    errors = np.sqrt(np.diag(covariance))
+    if not errors.all():
+        raise InputError(
+            f"{curve.label}: its error is not known, as that of a single replica; age several"
+        )
+    near = np.append(0.0, np.diag(covariance, 1) / (errors[1:] * errors[:-1]))
+    return errors, near
 
 
 def agreement(

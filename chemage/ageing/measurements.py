@@ -24,7 +24,12 @@ from chemage.foundation.checks import check_times, force, temperature_value
 from chemage.foundation.errors import InputError, shortened, shown
 from chemage.foundation.records import frozen
 from chemage.foundation.tables import Cell, Cells
-from chemage.foundation.units import QuantityLike, array_in, convert
+from chemage.foundation.units import (
+    QuantityLike,
+    array_in,
+    convert,
+    unit_written,
+)
 
 _EXAMPLE = (
     "hold_time (s), friction_drop (nN), error (nN), load (nN), temperature (K)"
@@ -66,6 +71,8 @@ class Measurements:
     instrument: str = ""
     #: what reading understood and left out, for users
     notes: tuple[str, ...] = ()
+    #: the unit written with the number of the temperature, so that a low one is meant; "" where there is none
+    temperature_unit: str = ""
 
     def __post_init__(self) -> None:
         for name in ("hold_times", "values", "error"):
@@ -198,9 +205,10 @@ def read_table(
         Naming the line and the column that is wrong, and the remedy.
     """
     table = read_columns(source, {*NAMES, *VALUES, *ERRORS}, _EXAMPLE, sheet)
-    given: dict[str, float] = {} if load is None else {"load": force(load)}
+    given: dict[str, Any] = {} if load is None else {"load": force(load)}
     if temperature is not None:
         given["temperature"] = temperature_value(temperature)
+        given["temperature_unit"] = unit_written(temperature)
     reading = _Reading.of(table, given, offset)
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
     for row in reading.rows():
@@ -227,7 +235,7 @@ class _Reading:
 
     table: ColumnTable
     #: load and temperature, where the table has no such column
-    given: dict[str, float]
+    given: dict[str, Any]
     #: the column of the values
     value: str
     #: the columns of their errors
@@ -240,7 +248,7 @@ class _Reading:
     def of(
         cls,
         table: ColumnTable,
-        given: dict[str, float],
+        given: dict[str, Any],
         offset: QuantityLike | None,
     ) -> _Reading:
         """Decide which columns are read, and refuse what may mean two things."""
@@ -346,6 +354,8 @@ class _Reading:
             if name in columns
         }
         row |= {name: text(name) for name in _TEXTS if name in columns}
+        if "temperature" in columns:
+            row["temperature_unit"] = unit_written(text("temperature"))
         if row["error"] is not None and row["error"] <= 0:
             name = self.errors[0] if self.errors else self.value
             raise InputError(
@@ -487,4 +497,5 @@ class _Reading:
             temperature,
             instrument,
             tuple(notes),
+            min(row.get("temperature_unit", "") for row in rows),
         )

@@ -15,7 +15,11 @@ from typing import Any, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.statistics import (
+    NORMAL_LIMIT,
+    half_width,
+    standard_error,
+)
 from chemage.foundation.text import percent, plus_minus, with_error, with_interval
 
 #: the unit of a pure number
@@ -269,6 +273,15 @@ class Curve(Declared):
     def is_distribution(self) -> bool:
         """Whether ``x`` are edges."""
         return self.x.size == self.mean.size + 1
+
+    @property
+    def shared(self) -> np.ndarray:
+        """(m,) standard error that all points share: the one known beside the samples; without samples that of the
+        interval."""
+        if self.known.size:
+            return self.known
+        alone = self.half_width.size and not len(self.samples)
+        return self.half_width / NORMAL_LIMIT if alone else np.zeros(self.x.size)
 
     def of_replicas(
         self, x: np.ndarray, values: np.ndarray, over: str = ""

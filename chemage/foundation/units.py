@@ -385,6 +385,11 @@ def _parse(text: str, unit: str) -> float:
         ) from None
 
 
+def unit_written(temperature: object) -> str:
+    """The unit that is written with the number of a temperature, ``"K"`` of ``"27 K"``; "" where there is none."""
+    return "K" if "K" in str(temperature) else ""
+
+
 def celsius_meant(field: str, kelvin: float) -> str:
     """A question for a temperature so low that it may be one in °C; empty for any other."""
     if kelvin >= COLD:

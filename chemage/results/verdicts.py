@@ -15,7 +15,6 @@ from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.quantities import NONE, Curve
 from chemage.foundation.result import Ageing, Table
-from chemage.foundation.statistics import NORMAL_LIMIT
 from chemage.foundation.text import jsonable, plus_minus, power_text
 
 #: probability of a larger deviation by chance from which on curves agree, and below which they surely do not
@@ -327,15 +326,9 @@ class _Model(NamedTuple):
             ],
             axis=1,
         )
-        known = curve.known
-        if not known.size:
-            # of a curve without samples its interval is all that is known
-            alone = curve.half_width.size and not len(curve.samples)
-            known = (
-                curve.half_width / NORMAL_LIMIT if alone else np.zeros(curve.x.size)
-            )
         # the errors that samples do not show are taken as one
-        shared, mean = places @ np.nan_to_num(known[positive]), curve.mean[positive]
+        shared = places @ np.nan_to_num(curve.shared[positive])
+        mean = curve.mean[positive]
         samples = [values[:, positive] for values in curve.samples]
         return cls(places @ mean, np.outer(shared, shared), mean, samples, places)
 

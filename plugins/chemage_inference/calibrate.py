@@ -222,12 +222,11 @@ def _errors(
         state, nuisances=noise.widths * rng.standard_normal(noise.widths.size)
     )
     drawn = rng.standard_normal(fitted.size)
-    if model.correlated:
-        near = noise.correlation(state)
-        for at in range(1, drawn.size):
-            drawn[at] = (
-                near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
-            )
+    near = noise.correlation(state)
+    for at in range(1, drawn.size):
+        drawn[at] = (
+            near[at] * drawn[at - 1] + np.sqrt(1 - near[at] ** 2) * drawn[at]
+        )
     measured = noise.factor(state) * fitted + noise.added(state)
     return measured + noise.errors(state) * drawn, state
 

@@ -230,7 +230,8 @@ MeasuredArg = Annotated[
     typer.Argument(
         metavar="MEASURED",
         help="measured curves of ageing: text or Excel files with the columns hold_time (s), friction_drop (nN) or "
-        "friction_coefficient_drop, error, load (nN), temperature (K)",
+        "friction_coefficient_drop, error, load (nN), temperature (K); or results of chemage (.h5), with the errors of "
+        "their replicas or surfaces",
     ),
 ]
 SceneOpt = Annotated[
@@ -464,7 +465,7 @@ def _curves(
 
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
     for note in {
-        f"{curve.name}: {note}": 0 for curve in curves for note in curve.remarks
+        f"{curve.name}: {note}": 0 for curve in curves for note in curve.notes
     }:
         output.remark(f"note: {note}")
     return curves

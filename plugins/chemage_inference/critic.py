@@ -109,6 +109,8 @@ class Critic:
     def admits(self, kind: str, where: str = "") -> bool:
         """Whether the inference has a trouble among its unknowns."""
         term = TROUBLES[kind][4]
+        if kind == "correlated":
+            return self.one.near is not None
         return bool({term, f"{term} of {where}"} & self.one.error_terms.keys())
 
     def _near(self, time: float) -> np.ndarray:
@@ -120,11 +122,13 @@ class Critic:
 
     @cached_property
     def near(self) -> np.ndarray:
-        """(m, m) correlation of the errors of the inference."""
-        times = self.one.error_terms.get("correlation time")
-        if times is None:
-            return np.eye(self.errors.size)
-        return self._near(float(np.median(times)))
+        """(m, m) correlation of the errors of the inference, products of those of neighbours."""
+        one, near = self.one, np.eye(self.errors.size)
+        if one.near is not None:
+            for point in range(1, near.shape[0]):
+                near[point, :point] = one.near[point] * near[point - 1, :point]
+                near[:point, point] = near[point, :point]
+        return near
 
     @cached_property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +246,8 @@ class Critic:
             several.append(("scaled", name, errors, logs, LARGER[1:]))
         times, scales = np.repeat(TIMES, 3), np.tile(LARGER[[0, 2, 4]], len(TIMES))
         errors = [s**2 * self._near(t) for t, s in zip(times, scales, strict=True)]
-        several.append(("correlated", "", errors, -np.log(times.size), times))
+        if self.one.near is None:
+            several.append(("correlated", "", errors, -np.log(times.size), times))
         nothing = np.zeros(self.errors.size)
         for kind, where, errors, prior, sizes in several:
             logs = prior + np.array([self._evidence(each)[0] for each in errors])

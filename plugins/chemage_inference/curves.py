@@ -10,7 +10,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage import InputError, Measurements
+from chemage import InputError, Measurements, read
 from chemage.plugin import (
     Doubles,
     Plain,
@@ -18,8 +18,11 @@ from chemage.plugin import (
     Record,
     array_in,
     check_times,
+    container,
+    correlated_errors,
     force,
     read_table,
+    result_of,
     temperature_value,
     units,
 )
@@ -36,7 +39,13 @@ class MeasuredCurve(Record):
         "hold_times": (("hold_time",), "s", "hold time"),
         "values": (("hold_time",), "", "ΔF in nN, or Δμ"),
         "errors": (("hold_time",), "", "standard errors of the values"),
+        "correlation": (
+            ("hold_time",),
+            "",
+            "correlation of each error with that of the hold time before",
+        ),
     }
+    added = ("correlation", "temperature_unit")
 
     name: str = "curve"
     load: PositiveNumber
@@ -53,10 +62,15 @@ class MeasuredCurve(Record):
     """(m,) ΔF in nN, or Δμ"""
     errors: Doubles
     """(m,) standard errors, > 0, in the unit of ``values``"""
+    correlation: Doubles | None = None
+    """(m,) correlation of each error with that of the hold time before, 0 at the first: the errors of simulated curves,
+    whose hold times share their bonds, are a Markov chain. None: not known, and none unless it is inferred"""
     instrument: str = ""
     """with which it was measured: curves of one instrument share its calibration"""
     notes: tuple[str, ...] = ()
     """what reading understood and left out"""
+    temperature_unit: str = ""
+    """the unit that was written with the number of the temperature: nobody asks whether "27 K" are 27 °C"""
     chemistry: Plain = {}
     """options of the chemistry under which it was measured, where they are known; the scene must have the same"""
 
@@ -66,6 +80,10 @@ class MeasuredCurve(Record):
             if fields.get("quantity", "friction_drop") == "friction_drop"
             else ""
         )
+        temperature = fields.get("temperature")
+        if isinstance(temperature, str):
+            fields["temperature"] = temperature_value(temperature)
+            fields["temperature_unit"] = units.unit_written(temperature)
         super().__init__(
             **{
                 n: array_in(v, unit) if n in ("values", "errors") else v
@@ -81,8 +99,10 @@ class MeasuredCurve(Record):
             raise ValueError(
                 "hold_times[0] = 0 s: nothing has aged then; leave that row out"
             )
-        for name in ("values", "errors"):
+        for name in ("values", "errors", "correlation"):
             array = getattr(self, name)
+            if array is None:
+                continue
             if array.shape != self.hold_times.shape:
                 raise ValueError(
                     f"{name}: {array.shape} numbers, but there are {self.hold_times.size} hold times; give one for each"
@@ -99,6 +119,13 @@ class MeasuredCurve(Record):
                 "scatter of repeated measurements, or an estimate of it"
             )
         return self
+
+    @property
+    def known_correlation(self) -> np.ndarray:
+        """(m,) correlation of each error with that of the hold time before; nan where it is not known."""
+        if self.correlation is None:
+            return np.full(self.hold_times.size, np.nan)
+        return self.correlation
 
     @property
     def friction_drop(self) -> np.ndarray:
@@ -119,10 +146,12 @@ class MeasuredCurve(Record):
         )
 
     @property
-    def remarks(self) -> list[str]:
-        """The notes, and whether a low temperature is one in °C."""
-        cold = units.celsius_meant("temperature", self.temperature)
-        return [*self.notes, *([cold] if cold else [])]
+    def question(self) -> str:
+        """Whether a low temperature is one in °C; "" of another, and of one whose unit was written with it."""
+        asked = units.celsius_meant("temperature", self.temperature)
+        if self.temperature_unit or not asked:
+            return ""
+        return f'{self.name}: {asked}, or "{self.temperature:g} K" if that is meant'
 
     @classmethod
     def of(
@@ -150,10 +179,7 @@ class MeasuredCurve(Record):
                 "3 % is 0.03",
             )
         name, there = measurements.name, measurements.error
-        given = {
-            "load": load and force(load),
-            "temperature": temperature and temperature_value(temperature),
-        }
+        given = {"load": load, "temperature": temperature}
         for what, value in given.items():
             if value is None and getattr(measurements, what) is None:
                 raise InputError(
@@ -173,10 +199,11 @@ class MeasuredCurve(Record):
         values = measurements.values[kept]
         return cls(
             name=name,
-            load=measurements.load if given["load"] is None else given["load"],
+            load=measurements.load if load is None else force(load),
             temperature=measurements.temperature
-            if given["temperature"] is None
-            else given["temperature"],
+            if temperature is None
+            else temperature,
+            temperature_unit=measurements.temperature_unit,
             quantity=measurements.quantity,
             hold_times=measurements.hold_times[kept],
             values=values,
@@ -185,6 +212,43 @@ class MeasuredCurve(Record):
             else there[kept],
             instrument=measurements.instrument,
             notes=measurements.notes,
+        )
+
+    @classmethod
+    def of_result(cls, result: Any, name: str = "") -> MeasuredCurve:
+        """The mean ΔF of a result of chemage, with the errors of its replicas or surfaces and their correlation.
+
+        Raises
+        ------
+        InputError
+            It is no result, has no ΔF against hold time, or no error, as that of a single replica.
+        """
+        try:
+            shown = result_of(result)
+        except InputError:
+            problem = "is no MeasuredCurve, table or result"
+            remedy = "give curves from chemage.read_curves, or a file"
+            raise InputError.of("measured", result, problem, remedy) from None
+        name, ageing = name or shown.name, shown.ageing()
+        curves = [one for one in shown.curves() if one.name == "friction_drop"]
+        chemistry = {**ageing.chemistry}
+        kelvin = chemistry.pop("temperature", None)
+        chemistry |= chemistry.pop("chemistry", {})
+        if not curves or kelvin is None:
+            raise InputError(f"{name}: has no friction drop against hold time")
+        if reason := getattr(shown.made_by().get("aging"), "unfitted", ""):
+            raise InputError(f"{name}: is no single hold: {reason}")
+        above = curves[0].x > 0
+        errors, near = correlated_errors(curves[0])
+        return cls(
+            name=name,
+            load=ageing.load,
+            temperature=kelvin,
+            hold_times=curves[0].x[above],
+            values=curves[0].mean[above],
+            errors=errors,
+            correlation=near,
+            chemistry=chemistry,
         )
 
     def __repr__(self) -> str:
@@ -211,7 +275,7 @@ def read_curves(
     Parameters
     ----------
     source
-        The file, or a data frame.
+        The file, or a data frame; or a result of chemage or its file (``.h5``), see :meth:`MeasuredCurve.of_result`.
     load, temperature
         nN and K, or with units, where the table has no such column.
     relative_error
@@ -226,6 +290,16 @@ def read_curves(
     InputError
         Naming the line and the column that is wrong, or what is missing, and the remedy.
     """
+    name = Path(source).stem if isinstance(source, str | Path) else ""
+    if name and container.is_ours(Path(source)):
+        source = read(source, maps=False)
+    if not isinstance(source, str | Path) and not hasattr(source, "itertuples"):
+        given = load, temperature, relative_error, offset, sheet
+        if any(one is not None for one in given):
+            raise InputError(
+                f"{name or 'result'}: a result has load, temperature and errors; leave these options out"
+            )
+        return (MeasuredCurve.of_result(source, name),)
     tables = read_table(
         source, load=load, temperature=temperature, offset=offset, sheet=sheet
     )

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.plugin import algebra, progress, units
+from chemage.plugin import algebra, progress
 from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
 from chemage_inference.problem import REACH, Linear, Prior, Problem
@@ -236,10 +236,7 @@ def _with_guessed_errors(model: Model, data: Linear) -> Linear:
 
 def _check_model(model: Model, data: Linear) -> None:
     noise = model.noise
-    cold = (
-        units.celsius_meant(f"temperature of {curve.name}", curve.temperature)
-        for curve in model.curves
-    )
+    cold = (curve.question for curve in model.curves)
     check_explained(
         data,
         model.labels(),

@@ -465,6 +465,8 @@ class Model:
         self.stated = np.concatenate(
             [curve.friction_drop_errors for curve in curves]
         )
+        #: (m,) see :class:`chemage_inference.noise.Noise`
+        self.near = np.concatenate([curve.known_correlation for curve in curves])
         #: errors as they are thought to be now
         self.state = self._noise(self.floors).start
         self.which = np.array(
@@ -565,6 +567,7 @@ class Model:
             self.curve,
             self.hold_times,
             numbers,
+            np.zeros(0) if np.isnan(self.near).all() else self.near,
         )
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage import InputError, Scene
+from chemage import InputError, PlanWarning, Scene
 from chemage import errors as in_words
 from chemage.plugin import (
     KB,
@@ -120,6 +121,9 @@ def infer(
     load_error, nuisances = calibrations(calibration)
     error_model = ErrorModel.of(errors, **nuisances)
     curves = _curves_of(measured, error_model.drift)
+    for curve in curves:
+        if curve.question:
+            warnings.warn(curve.question, PlanWarning, stacklevel=3)
     unknowns = unknowns_of(unknown, chemistry, load_error)
     _check_chemistry(curves, scene, unknowns)
     seed, samples = checked_seed(seed), checked_count("samples", samples, 50)
@@ -184,18 +188,10 @@ def calibrations(
 
 
 def _curves_of(measured: Any, drift: float) -> tuple[MeasuredCurve, ...]:
-    if isinstance(measured, str | Path) or hasattr(measured, "itertuples"):
-        measured = read_curves(measured)
-    curves = (measured,) if isinstance(measured, MeasuredCurve) else measured
-    if not isinstance(curves, list | tuple) or not all(
-        isinstance(curve, MeasuredCurve) for curve in curves
-    ):
-        raise InputError.of(
-            "measured",
-            measured,
-            "is no MeasuredCurve",
-            "give curves from chemage.read_curves, or a file",
-        )
+    several = measured if isinstance(measured, list | tuple) else (measured,)
+    curves: list[MeasuredCurve] = []
+    for one in several:
+        curves += [one] if isinstance(one, MeasuredCurve) else read_curves(one)
     check_curves(curves, drift)
     return tuple(curves)
 
@@ -254,21 +250,13 @@ def with_hidden(
         np.pad(inner_ends(each), more) for each in (samples.densities, before)
     )
     problem = linear_problem(wide, prior, densities.mean(axis=0))
-    noise, state = problem.noise, samples.typical
-    factor = noise.factor(state)
+    settled = problem.settled(samples.typical)
     data = Data(
-        np.stack(
-            [
-                noise.white(state, factor[:, None] * matrix)
-                for matrix in problem.matrices
-            ]
-        ),
+        settled.matrices,
         problem.unknowns.weights(samples.positions),
         samples.factors,
-        noise.white(state, problem.values - noise.added(state)),
-        np.stack(
-            [noise.white(state, factor * offset) for offset in problem.offsets]
-        ),
+        settled.values,
+        settled.offsets,
         KB * max(curve.temperature for curve in model.curves),
     )
     seen = np.pad(model.seen(), more[1])
@@ -322,6 +310,7 @@ def _inference(
         errors=noise.errors(replace(state, inflation=np.ones(problem.values.size))),
         stated_errors=np.hypot(noise.stated, noise.floors),
         off=samples.off,
+        near=noise.correlation(state) if noise.chained else None,
         error_terms=_error_terms(model, samples),
         fitted=fitted,
         prior_fitted=values_of(prior, weights, problem.matrices, problem.offsets),
@@ -406,7 +395,8 @@ def _notes(
     """What the user should know."""
     visible, diagnostics = inference.visible, inference.diagnostics
     for curve in model.curves:
-        yield from (f"{curve.name}: {note}" for note in curve.remarks)
+        yield from (f"{curve.name}: {note}" for note in curve.notes)
+        yield from [curve.question] if curve.question else []
     few = list(_hardly_any(model))
     yield from few
     if not visible.any():

@@ -3,15 +3,16 @@
 The residual of a point is the measured value less exp(c + d ℓ) × the value of the model + o, with a calibration c, a
 drift d by the decades ℓ from the middle of the hold times, and an offset o of its instrument. Over its standard error,
 ``scale`` × the stated one, it is normal, or with the probability :data:`RARE` ten times as wide (contaminated normal
-distribution; Tukey 1960; Box & Tiao, Biometrika 55, 119 (1968)). Along a curve residuals may be correlated as
-exp(−|Δ ln t|/τ), an Ornstein-Uhlenbeck process, whose inverse covariance couples neighbours only. Scale, points, τ and
-the nuisances, each with a normal prior, are sampled with the density.
+distribution; Tukey 1960; Box & Tiao, Biometrika 55, 119 (1968)). Along a curve residuals may be correlated, as a
+Markov chain, whose inverse covariance couples neighbours only: those of simulated curves as their replicas say, others
+as exp(−|Δ ln t|/τ), an Ornstein-Uhlenbeck process. Scale, points, τ and the nuisances, each with a normal prior, are
+sampled with the density.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -92,6 +93,8 @@ class Noise:
     hold_times: np.ndarray
     #: (curves,) numbers of their instruments
     instruments: np.ndarray
+    #: (m,) correlation of each stated error with that of the point before, nan: not known; empty: none is
+    near: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def start(self) -> State:
@@ -175,16 +178,26 @@ class Noise:
             state.scales[self.curve] * state.inflation * self.stated, self.floors
         )
 
+    @cached_property
+    def chained(self) -> bool:
+        """Whether errors are correlated."""
+        return self.model.correlated or bool(self.near.any())
+
     def correlation(self, state: State) -> np.ndarray:
         """(m,) of each error with that of the point before."""
-        if not self.model.correlated:
-            return np.zeros(self.stated.size)
-        return np.minimum(np.exp(-self._gaps / np.exp(state.log_time)), NEAREST)
+        near = np.zeros(self.stated.size)
+        if self.model.correlated:
+            near = np.exp(-self._gaps / np.exp(state.log_time)).clip(max=NEAREST)
+        if self.near.size:  # the errors of the forward model are independent
+            share = self.stated / np.hypot(self.stated, self.floors)
+            known = self.near * share * np.roll(share, 1)
+            near = np.where(np.isnan(known), near, known)
+        return near
 
     def white(self, state: State, rows: np.ndarray) -> np.ndarray:
         """``rows`` (m, ...) as combinations whose errors are independent and 1."""
         scaled = rows / self.errors(state).reshape(-1, *[1] * (rows.ndim - 1))
-        if not self.model.correlated:
+        if not self.chained:
             return scaled
         near = self.correlation(state).reshape(-1, *[1] * (rows.ndim - 1))
         before = np.roll(scaled, 1, axis=0)
@@ -195,7 +208,7 @@ class Noise:
         logs = -0.5 * self.white(state, residual) ** 2 - np.log(self.errors(state))
         return (
             logs - 0.5 * np.log1p(-(self.correlation(state) ** 2))
-            if self.model.correlated
+            if self.chained
             else logs
         )
 
@@ -235,7 +248,7 @@ class Noise:
         count = state.scales.size
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
         # without correlation summed over which points are off
-        rare = RARE if self.model.robust and not self.model.correlated else 0.0
+        rare = RARE if self.model.robust and not self.chained else 0.0
         near = self.correlation(state)
         fixed_part = residual, self.stated, self.floors, self.curve, near
         here = kernels.curve_logs(
@@ -264,7 +277,7 @@ class Noise:
     ) -> State:
         """Draw which points are off; neighbours one after the other, as their errors may be correlated."""
         odds = np.log(RARE / (1 - RARE))
-        for first in (0, 1) if self.model.correlated else (None,):
+        for first in (0, 1) if self.chained else (None,):
             chosen = np.ones(residual.size, dtype=bool)
             if first is not None:
                 chosen = np.arange(residual.size) % 2 == first
@@ -273,7 +286,7 @@ class Noise:
                 for factor in (1.0, WIDER)
             )
             change = self._logs(wide, residual) - self._logs(calm, residual)
-            if self.model.correlated:  # what the next point says of this one
+            if self.chained:  # what the next point says of this one
                 change = change + np.append(
                     np.where(chosen[1:], 0.0, change[1:]), 0.0
                 )

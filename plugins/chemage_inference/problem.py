@@ -378,15 +378,23 @@ class Problem:
         return summed(weights, self.matrices), summed(weights, self.offsets)
 
     def settled(self, state: State) -> Problem:
-        """The problem with the errors and the nuisances of ``state``, and known: correlations are left out."""
-        factor, noise = self.noise.factor(state), fixed(self.noise.errors(state))
+        """The problem with the errors and the nuisances of ``state``, and known: in combinations of the measurements
+        whose errors are independent and 1."""
+        noise = self.noise
+        factor = noise.factor(state)
+
+        def white(rows: np.ndarray) -> np.ndarray:
+            return np.stack(
+                [noise.white(state, (factor * one.T).T) for one in rows]
+            )
+
         return replace(
             self,
-            noise=noise,
+            noise=fixed(np.ones(factor.size)),
             state=None,
-            values=self.values - self.noise.added(state),
-            matrices=factor[:, None] * self.matrices,
-            offsets=factor * self.offsets,
+            values=noise.white(state, self.values - noise.added(state)),
+            matrices=white(self.matrices),
+            offsets=white(self.offsets),
         )
 
     def without(self, left_out: np.ndarray) -> Problem:

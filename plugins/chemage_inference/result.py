@@ -118,6 +118,11 @@ class Inference(Record):
             "",
             "probability that the point is off by more than its error",
         ),
+        "near": (
+            ("point",),
+            "",
+            "correlation of the error with that of the point before",
+        ),
         "fitted": (
             ("sample", "point"),
             "nN",
@@ -129,6 +134,8 @@ class Inference(Record):
             "friction drop of each sample of the prior",
         ),
     }
+
+    added = ("near",)
 
     energies: Doubles
     """(n,) eV, ascending"""
@@ -151,6 +158,9 @@ class Inference(Record):
     """(m,) the standard errors as stated, with that of the forward model, nN"""
     off: Doubles
     """(m,) probability that a point is off, by far more than its error"""
+    near: Doubles | None = None
+    """(m,) correlation of the error of each point with that of the point before, 0 at the first of a curve; None: errors
+    are independent"""
     error_terms: Named = {}
     """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
     (e-folds of the hold time), ``calibration`` (measured over true friction), ``drift`` (change of its logarithm per
@@ -292,6 +302,9 @@ class Inference(Record):
                 hold_times=self.hold_times[self.curve == number],
                 values=self.values[self.curve == number],
                 errors=self.errors[self.curve == number],
+                correlation=None
+                if self.near is None
+                else self.near[self.curve == number],
             )
             for number, about in enumerate(self.curves)
         )

@@ -112,19 +112,23 @@ def test_what_was_asked_reaches_the_inference_and_the_file(command, folder, made
     assert not Path("tip-inferred-figures").exists()
 
 
+@pytest.mark.filterwarnings("default::chemage.PlanWarning")
 def test_whether_celsius_are_meant_is_asked_before_anything_is_computed(command, folder, monkeypatch):
     """A density at 27 K has 160 nodes: sampling takes minutes."""
     text = Path("tip.csv").read_text(encoding="utf-8").replace(", 300\n", ", 27\n")
     Path("cold.csv").write_text(text, encoding="utf-8")
-    asked = "note: cold: temperature = 27 K: is 27 °C meant?"
+    asked = "cold: temperature = 27 K: is 27 °C meant?"
 
-    def infer(curves, scene, **how):
+    def stopped(*args, **how):
         raise ca.InputError("computed")
 
-    faults.infer_by(monkeypatch, infer)
+    monkeypatch.setattr("chemage_inference.infer.make_model", stopped)
     done = command("infer", "cold.csv", "--scene", "tip.toml", "--no-figures")
     assert asked in done.out + done.err
     assert done.status == 2
+    Path("cold.csv").write_text(text.replace(", 27\n", ", 27 K\n"), encoding="utf-8")
+    done = command("infer", "cold.csv", "--scene", "tip.toml", "--no-figures")
+    assert "meant" not in done.out + done.err
 
 
 @pytest.mark.long

@@ -114,3 +114,41 @@ def test_measurements_become_a_curve_with_load_and_temperature():
 def test_a_curve_is_stored_whole(tmp_path):
     ca.write(tmp_path / "curve.h5", curve())
     assert ca.read(tmp_path / "curve.h5") == curve()
+
+
+def aged(replicas=4):
+    """ΔF of independent sites on a small tip."""
+    tip = ca.surface("sphere", radius="5 nm", pixels=32, pixel_size="0.4518 nm").make()
+    contact = ca.contact("hertz", modulus="35.3 GPa").solve(tip, load="20 nN")
+    silica = ca.chemistry(forming=ca.barriers("gaussian", mean=0.8, std=0.1))
+    call = {"engine": ca.engine("independent"), "temperature": "310 K", "replicas": replicas}
+    return ca.age(contact, silica, hold_times=[0.0, *np.logspace(-2, 3, 6)], **call)
+
+
+def test_a_simulated_mean_has_the_errors_of_its_replicas_and_their_correlation(tmp_path):
+    aging = aged()
+    ca.write(tmp_path / "aged.h5", aging)
+    (found,) = ca.read_curves(tmp_path / "aged.h5")
+    assert found.name == "aged"
+    assert (found.load, found.temperature) == (20.0, 310.0)
+    assert found.hold_times == pytest.approx(np.logspace(-2, 3, 6))
+    assert found.values == pytest.approx(aging.mean_friction_drop[1:])
+    assert found.correlation is not None
+    assert found.correlation[0] == 0
+    assert (found.correlation[1:] > 0.3).all()
+    assert found.chemistry["forming"]["kind"] == "gaussian"
+    assert found.chemistry["bond_force"] == 3.0
+    (same,) = ca.read_curves(aging)
+    assert same.model_copy(update={"name": "aged"}) == found
+    ca.write(tmp_path / "curve.h5", found)
+    assert ca.read(tmp_path / "curve.h5") == found
+
+
+def test_results_without_errors_or_hold_times_are_refused(tmp_path):
+    with pytest.raises(ca.InputError, match="its error is not known, as that of a single replica"):
+        ca.read_curves(aged(1))
+    with pytest.raises(ca.InputError, match="a result has load, temperature and errors; leave these options out"):
+        ca.read_curves(aged(), load="20 nN")
+    tip = ca.surface("sphere", radius="5 nm", pixels=32, pixel_size="0.4518 nm").make()
+    with pytest.raises(ca.InputError, match="has no friction drop against hold time"):
+        ca.read_curves(tip)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import faults
 import numpy as np
 import pytest
@@ -220,12 +222,24 @@ def test_wrong_arguments_are_refused(given, message):
         ca.infer(rising(), scene(), **given)
 
 
-@pytest.mark.long
-def test_kelvin_that_are_degrees_celsius_are_asked_about():
-    cold = curve(ca.barriers("gaussian", mean=0.44, std=0.05), temperature=140.0)
-    found = ca.infer(cold, scene(), families=(), samples=50)
-    asked = ' temperature = 140 K: is 140 °C meant? Write "140 degC", which is 413.15 K'
-    assert any(note.endswith(asked) for note in found.notes)
+@pytest.mark.parametrize("given", [140.0, "140 K", "140 degC"])
+def test_kelvin_that_may_be_degrees_celsius_are_asked_about_before_anything_is_computed(given, monkeypatch):
+    """But not where the unit is written with the number."""
+    cold = rising().model_dump() | {"temperature": given, "name": "cold"}
+
+    def stopped(*args, **how):
+        raise ca.InputError("computed")
+
+    monkeypatch.setattr("chemage_inference.infer.make_model", stopped)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        with pytest.raises(ca.InputError, match="computed"):
+            ca.infer(ca.MeasuredCurve(**cold), scene())
+    asked = (
+        'cold: temperature = 140 K: is 140 °C meant? Write "140 degC", which is 413.15 K, or "140 K" if that is meant'
+    )
+    assert [str(one.message) for one in found] == [asked] * (given == 140.0)
+    assert all(one.category is ca.PlanWarning for one in found)
 
 
 def test_fewer_points_than_unknowns_are_refused():

@@ -73,6 +73,35 @@ def test_white_residuals_have_the_likelihood_of_the_covariance(correlated):
     assert float(np.exp(-1e-9)) > NEAREST
 
 
+def test_known_correlations_are_those_of_the_stated_errors():
+    """A chain: the covariance is the product of the correlations of neighbours; errors of the model are independent."""
+    near = np.tile([0.0, 0.9, 0.8, 0.95, 0.7, 0.9], 2)
+    one = replace(noise(), near=near)
+    state = replace(one.start, scales=np.array([1.5, 2.0]))
+    share = one.stated / np.hypot(one.stated, one.floors)
+    chain = np.eye(12)
+    for i, j in zip(*np.triu_indices(12, 1), strict=True):
+        chain[i, j] = chain[j, i] = np.prod((near * share * np.roll(share, 1))[i + 1 : j + 1])
+    errors = one.errors(state)
+    residual = np.random.default_rng(0).standard_normal(12)
+    white = one.white(state, residual)
+    assert white @ white == pytest.approx(residual @ np.linalg.solve(np.outer(errors, errors) * chain, residual))
+    others = replace(one, near=np.where(one.curve == 1, near, np.nan), model=ErrorModel(correlated=True))
+    expected = np.where(one.curve == 1, one.correlation(state), noise(correlated=True).correlation(state))
+    assert others.correlation(state) == pytest.approx(expected)
+
+
+def test_settled_measurements_are_independent_combinations():
+    one = replace(noise(), near=np.tile([0.0, 0.9, 0.8, 0.95, 0.7, 0.9], 2))
+    matrix = np.random.default_rng(0).random((1, 12, 3))
+    problem = Problem(Prior(np.linspace(0, 1, 3)), np.ones(3), np.arange(12.0), one, matrix, np.ones((1, 12)))
+    settled = problem.settled(one.start)
+    assert settled.errors == pytest.approx(1.0)
+    density = np.array([0.2, 0.4, 0.1])
+    residual = settled.values - settled.offsets[0] - settled.matrices[0] @ density
+    assert residual == pytest.approx(one.white(one.start, problem.values - 1 - matrix[0] @ density))
+
+
 def test_the_drawn_scale_has_its_posterior():
     """Against the integral of likelihood × prior over a grid of scales."""
     one = noise(40, scaled=True)

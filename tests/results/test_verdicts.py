@@ -67,6 +67,37 @@ def run_of(rng, replicas, sites=500, surfaces=0.0):
     return 3.0 * bonds * (1 + surfaces * rng.standard_normal((replicas, 1)))
 
 
+@pytest.mark.parametrize(("replicas", "off"), [(5, 0.3), (40, 0.1)])
+def test_errors_and_correlations_of_neighbours_are_those_of_sites_that_bond_for_good(replicas, off):
+    """Of 500 sites n p(1 − q) is the covariance of two hold times, p the earlier one's share; on average over runs."""
+    found = []
+    for seed in range(40):
+        curves = run_of(np.random.default_rng([3, seed]), replicas)
+        curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
+        errors, near = ca.plugin.correlated_errors(curve, 0.01)
+        found.append([errors**2, near * errors * np.roll(errors, 1)])
+    variances, covariances = np.mean(found, axis=0)
+    expected = 9.0 * 500 / replicas * SHARES * (1 - SHARES)
+    assert variances == pytest.approx(expected, rel=off)
+    assert covariances[1:] == pytest.approx(9.0 * 500 / replicas * SHARES[:-1] * (1 - SHARES[1:]), rel=off)
+
+
+def test_errors_without_samples_are_shared_by_all_hold_times_and_none_are_no_errors():
+    _, curves = result(half=3 * 1.96)
+    errors, near = ca.plugin.correlated_errors(curves["friction_drop"])
+    assert errors == pytest.approx(np.full(TIMES.size, 3.0), rel=1e-3)
+    assert near[1:] == pytest.approx(1.0)
+    with pytest.raises(ca.InputError, match="its error is not known, as that of a single replica"):
+        ca.plugin.correlated_errors(result()[1]["friction_drop"])
+
+
+def test_where_no_bond_formed_half_a_one_may_have():
+    curves = run_of(np.random.default_rng(0), 10)
+    curves[:, 0] = 0.0
+    errors, _ = ca.plugin.correlated_errors(Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves))
+    assert errors[0] == pytest.approx(3.0 / 10 * np.sqrt(0.5), rel=0.5)
+
+
 def share_that_differs(replicas, error, surfaces=0.0, factor=1.0, trials=60):
     """The share of runs beside which measurements of the true mean, times ``factor``, do not agree."""
     different = 0
