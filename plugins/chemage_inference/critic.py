@@ -34,6 +34,8 @@ TIMES = (1.5, 5.0, 15.0)
 SHARED = 1.0
 #: probability of the least probable group, times their number, below which it is named
 UNLIKELY = 0.002
+#: wrong values at most that are one cause
+SEVERAL = 4
 #: scale of the errors that is surely above this is named in a note
 NOTEWORTHY = 1.1
 #: kinds by which forecasts change about linearly: offsets do not, and neighbours change forecasts as well
@@ -46,6 +48,7 @@ TROUBLES: dict[str, tuple[str, str, float, str, str]] = {
     "temperature": ("a wrong temperature", "K", 10.0, "the right temperature", "-"),
     "interaction": ("barriers raised by bonded neighbours", "eV", 0.1, "[interaction] in the scene", "-"),
     "outlier": ("a wrong value", "errors", 10.0, "another measurement", "-"),
+    "outliers": ("wrong values", "errors", 10.0, "other measurements", "-"),
     "correlated": ("correlated errors", "e-folds", 1.0, 'errors "correlated"', "correlation time"),
     "scaled": ("errors larger than stated", "times", 1.0, 'errors "scaled"', "scale 0"),
 }  # fmt: skip
@@ -203,10 +206,9 @@ class Critic:
         if chemistry.interaction is None:
             slower = -slope * values / (top * KB * kelvin)
             yield "interaction", "", slower, TROUBLES["interaction"][2], 0.0
-        for point, time in enumerate(one.hold_times):
-            where = f"{one.curves[one.curve[point]]['name']} at {time:.3g} s"
+        for point in range(values.size):
             change = self.errors * (np.arange(values.size) == point)
-            yield "outlier", where, change, WIDER, -np.log(values.size)
+            yield "outlier", self._place(point), change, WIDER, -np.log(values.size)
 
     @cached_property
     def causes(self) -> list[Cause]:
@@ -234,7 +236,45 @@ class Critic:
             bar = NAMED - prior - np.log(BESIDE[0]) + 0.5 * np.log1p(typical**2 * q)
             least = ((2 * bar) ** 0.5 + 1.64) / q**0.5
             found.append(Cause(kind, where, odds, mean, deviation, least, change))
-        return sorted([*found, *self._of_errors()], key=lambda cause: -cause.odds)
+        found += [*self._of_errors(), *self._outliers()]
+        return sorted(found, key=lambda cause: -cause.odds)
+
+    def _outliers(self) -> Iterator[Cause]:
+        """Several wrong values: the likeliest, one after the other, beside errors of any size."""
+        size, residual = self.errors.size, self.prior[0]
+        wrong, prior, points, found = np.zeros(size), 0.0, [], []
+        for count in range(1, min(SEVERAL, size) + 1):
+            logs, means, spreads = [], [], []
+            for scale, weight in zip(LARGER, BESIDE, strict=True):
+                errors = scale**2 * self.near + np.diag(wrong)
+                log, inverse = self._evidence(errors)
+                pull, known = (
+                    WIDER * (inverse @ residual),
+                    WIDER**2 * np.diag(inverse),
+                )
+                gain = pull**2 / (1 + known) - np.log1p(known)
+                logs.append(log + np.log(weight) + 0.5 * gain)
+                means.append(WIDER * pull)
+                spreads.append(WIDER * np.sqrt(np.maximum(1 - known, 0)))
+            every = np.logaddexp.reduce(logs)
+            every[points] = -np.inf
+            points.append(int(every.argmax()))
+            wrong[points[-1]] = WIDER**2
+            prior += np.log(count / size)
+            if count > 1:
+                at = int(np.array(logs)[:, points[-1]].argmax()), points[0]
+                where = ", ".join(self._place(point) for point in points)
+                odds = float(every.max()) + prior - self._scaled[0][0]
+                size_of = float(np.array(means)[at]), float(np.array(spreads)[at])
+                nothing = np.zeros(size)
+                cause = Cause("outliers", where, odds, *size_of, np.nan, nothing)
+                found.append(cause)
+        yield from sorted(found, key=lambda cause: -cause.odds)[:1]
+
+    def _place(self, point: int) -> str:
+        one = self.one
+        name = one.curves[one.curve[point]]["name"]
+        return f"{name} at {one.hold_times[point]:.3g} s"
 
     def _of_errors(self) -> Iterator[Cause]:
         """Errors that are too small, or correlated."""
@@ -257,9 +297,16 @@ class Critic:
             deviation = float(share @ (sizes - mean) ** 2) ** 0.5
             yield Cause(kind, where, odds, mean, deviation, np.nan, nothing)
 
-    @property
+    @cached_property
+    def asked(self) -> bool:
+        """Whether °C may be meant: until that is answered, no other cause is."""
+        return any(curve.question for curve in self.one.measured)
+
+    @cached_property
     def named(self) -> list[Cause]:
         """The likeliest cause and those that the data do not tell from it; empty where none is supported."""
+        if self.asked:
+            return []
         # larger errors beside an amplitude of about zero are no further cause
         sure = [
             it
@@ -310,7 +357,7 @@ class Critic:
                     else assumed
                 )
             )
-        elif least < UNLIKELY:
+        elif least < UNLIKELY and not self.asked:
             yield f"{where}: improbable given all other points (p = {least:.1g}), and no known cause explains it"
         shared = ["a factor of all forces, which forecasts share"] * (
             not self.admits("factor")

@@ -43,7 +43,10 @@ from chemage_inference.result import Inference, scene_of
 from chemage_inference.sampling import CHAINS, Samples
 
 #: what is kept of each curve
-_STATED = ("name", "load", "temperature", "quantity", "instrument")
+_STATED = (
+    *("name", "load", "temperature", "temperature_unit", "quantity"),
+    "instrument",
+)
 #: parametric families with which the smooth density is compared
 FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
 #: width over k_BT of the range of barriers that react about one hold time: full width at half maximum of the

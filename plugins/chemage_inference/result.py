@@ -299,6 +299,7 @@ class Inference(Record):
                 name=about["name"],
                 load=about["load"],
                 temperature=about["temperature"],
+                temperature_unit=about.get("temperature_unit", ""),
                 hold_times=self.hold_times[self.curve == number],
                 values=self.values[self.curve == number],
                 errors=self.errors[self.curve == number],

@@ -162,7 +162,11 @@ def judged(folder: Path, row: dict[str, Any]) -> dict[str, Any]:
     named, missed = found.critic.named, found.critic.missed
     seconds = time.process_time() - begin
     kind = NAMES.get(trouble, trouble)
-    kinds = {cause.kind for cause in named} | ({"outlier"} if found.suspects() and trouble != "clean" else set())
+    kinds = (
+        {"kelvin" for note in row["notes"] if "°C meant" in note}
+        | {cause.kind.replace("outliers", "outlier") for cause in named}
+        | ({"outlier"} if found.suspects() and trouble != "clean" else set())
+    )
     at_ends = {"drift": 100 * strength / 3, "offset": strength * found.values.max()}
     size = at_ends.get(trouble, strength * (100 if kind == "factor" else 1))
     unseen = trouble in ("common factor", "bond force") or any(
@@ -172,7 +176,7 @@ def judged(folder: Path, row: dict[str, Any]) -> dict[str, Any]:
         "held": np.mean(row["held"]),
         "holds": np.mean(row["held"]) >= HOLDS,
         "named": kind in kinds,
-        "first": bool(named) and named[0].kind == kind,
+        "first": bool(named) and named[0].kind.replace("outliers", "outlier") == kind,
         "wrong": bool(named) and kind not in kinds,
         "unseen": unseen,
         "silent": not named and np.mean(row["held"]) < HOLDS and not unseen,

@@ -88,6 +88,27 @@ def test_a_trouble_is_named(trouble):
     assert sum(bool(some) and some[0].kind == kind for some in named) >= 6
 
 
+def test_several_wrong_values_of_one_curve_are_not_taken_for_larger_errors():
+    """Three of nine, by eight standard errors up or down: in all cases among what the data do not tell apart."""
+    bad = np.isin(np.arange(36), [10, 12, 16])
+    cases = [inferred(seed, lambda y, e, rng: y + 8 * e * bad * rng.choice([-1, 1], 36)) for seed in range(10)]
+    named = [case.critic.named for case in cases]
+    places = {"b at 0.0562 s", "b at 1.78 s", "b at 1.78e+03 s"}
+    found = [[it for it in some if it.kind == "outliers" and places <= set(it.where.split(", "))] for some in named]
+    assert all(found)
+    assert sum(some[0].kind == "outliers" for some in named) >= 6
+    assert all(7 < abs(it.amplitude) < 12 for some in found for it in some)
+
+
+def test_no_cause_is_named_before_the_question_about_celsius_is_answered():
+    drifts = inferred(0, TROUBLES["drift "]["change"])
+    cold = [{**about, "temperature": 27.0} for about in drifts.curves]
+    asked = drifts.model_copy(update={"curves": tuple(cold)})
+    assert not asked.critic.named
+    meant = asked.model_copy(update={"curves": tuple({**about, "temperature_unit": "K"} for about in cold)})
+    assert not meant.critic.asked
+
+
 def test_clean_measurements_are_hardly_ever_accused():
     accused = sum(bool(inferred(100 + seed).critic.named) for seed in range(100))
     assert accused <= 5
