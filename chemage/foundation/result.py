@@ -420,8 +420,18 @@ class OfRecord(Result, Generic[R]):
     def notes(self) -> list[str]:
         return list(dict.fromkeys(getattr(self.record, "notes", ())))
 
+    @property
+    def _made(self) -> Fields:
+        return getattr(self.record, "provenance", {})
+
+    def cite(self) -> tuple[list[str], str]:
+        version = self._made.get("versions", {}).get("chemage", "")
+        return list(self._made.get("cite", [])), version
+
     def provenance(self) -> Rows:
+        versions = self._made.get("versions", {})
         return [
+            *((f"version of {name}", str(text)) for name, text in versions.items()),
             *super().provenance(),
             (f"content hash of {self.name}", self.record.digest()),
         ]

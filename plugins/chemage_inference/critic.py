@@ -206,9 +206,6 @@ class Critic:
         if chemistry.interaction is None:
             slower = -slope * values / (top * KB * kelvin)
             yield "interaction", "", slower, TROUBLES["interaction"][2], 0.0
-        for point in range(values.size):
-            change = self.errors * (np.arange(values.size) == point)
-            yield "outlier", self._place(point), change, WIDER, -np.log(values.size)
 
     @cached_property
     def causes(self) -> list[Cause]:
@@ -240,36 +237,36 @@ class Critic:
         return sorted(found, key=lambda cause: -cause.odds)
 
     def _outliers(self) -> Iterator[Cause]:
-        """Several wrong values: the likeliest, one after the other, beside errors of any size."""
+        """Wrong values: the likeliest, one after the other, beside errors of any size; the amplitude is of the last."""
         size, residual = self.errors.size, self.prior[0]
-        wrong, prior, points, found = np.zeros(size), 0.0, [], []
+        nothing, wrong, odds = np.zeros(size), np.zeros(size), -self._scaled[0][0]
+        points, found = [], []
         for count in range(1, min(SEVERAL, size) + 1):
-            logs, means, spreads = [], [], []
+            logs, sizes = [], []
             for scale, weight in zip(LARGER, BESIDE, strict=True):
                 errors = scale**2 * self.near + np.diag(wrong)
                 log, inverse = self._evidence(errors)
-                pull, known = (
-                    WIDER * (inverse @ residual),
-                    WIDER**2 * np.diag(inverse),
-                )
-                gain = pull**2 / (1 + known) - np.log1p(known)
+                pull = WIDER * (inverse @ residual)
+                known = 1 + WIDER**2 * np.diag(inverse)
+                gain = pull**2 / known - np.log(known)
                 logs.append(log + np.log(weight) + 0.5 * gain)
-                means.append(WIDER * pull)
-                spreads.append(WIDER * np.sqrt(np.maximum(1 - known, 0)))
+                sizes.append([WIDER * pull / known, WIDER * known**-0.5])
             every = np.logaddexp.reduce(logs)
             every[points] = -np.inf
-            points.append(int(every.argmax()))
-            wrong[points[-1]] = WIDER**2
-            prior += np.log(count / size)
-            if count > 1:
-                at = int(np.array(logs)[:, points[-1]].argmax()), points[0]
-                where = ", ".join(self._place(point) for point in points)
-                odds = float(every.max()) + prior - self._scaled[0][0]
-                size_of = float(np.array(means)[at]), float(np.array(spreads)[at])
-                nothing = np.zeros(size)
-                cause = Cause("outliers", where, odds, *size_of, np.nan, nothing)
-                found.append(cause)
-        yield from sorted(found, key=lambda cause: -cause.odds)[:1]
+            points.append(last := int(every.argmax()))
+            wrong[last] = WIDER**2
+            odds += np.log(count / size)
+            kind = "outlier" if count == 1 else "outliers"
+            where = map(self._place, points)
+            amplitude = sizes[int(np.array(logs)[:, last].argmax())]
+            found.append(
+                Cause(
+                    *(kind, ", ".join(where), odds + float(every[last])),
+                    *(float(part[last]) for part in amplitude),
+                    *(np.nan, nothing),
+                )
+            )
+        yield max(found, key=lambda cause: cause.odds)
 
     def _place(self, point: int) -> str:
         one = self.one

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage import __version__
 from chemage.plugin import (
     Ageing,
     OfRecord,
@@ -30,10 +29,7 @@ from chemage_inference.result import (
     quantities,
     unit_of,
 )
-from chemage_inference.shape import (
-    peaks,
-    unresolved,
-)
+from chemage_inference.shape import peaks, shares, unresolved
 from chemage_inference.wording import (
     MOST_EXPERIMENTS,
     NONE,
@@ -303,7 +299,7 @@ class InferenceDisplay(OfRecord[Inference]):
         return facts(self.inference)
 
     def quantities(self) -> list[Quantity]:
-        return quantities(self.inference)
+        return [*quantities(self.inference), *shares(self.inference)]
 
     def numbers(self) -> dict[str, Any]:
         return self.result.summary()
@@ -345,11 +341,6 @@ class InferenceDisplay(OfRecord[Inference]):
             label: ForecastDisplay(one)
             for label, one in self.result.forecasts.items()
         }
-
-    def cite(self) -> tuple[list[str], str]:
-        provenance = self.inference.provenance
-        version = provenance.get("versions", {}).get("chemage", __version__)
-        return list(provenance.get("cite", [])), version
 
     def made_by(self) -> Mapping[str, Any]:
         return {"scene": self.inference.provenance.get("scene", {})}
@@ -423,10 +414,6 @@ class InferenceDisplay(OfRecord[Inference]):
             *(
                 (name.replace("_", " "), _short(value))
                 for name, value in one.diagnostics.items()
-            ),
-            *(
-                (f"version of {name}", str(version))
-                for name, version in one.provenance.get("versions", {}).items()
             ),
             *super().provenance(),
         ]

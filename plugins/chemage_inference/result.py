@@ -499,14 +499,14 @@ def quantities(one: Inference) -> list[Quantity]:
         unit = _TERMS.get(name.partition(" of ")[0], ONE)
         if name.startswith("scale "):
             label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
-        found.append(_sampled(Quantity(name, unit, label), values))
+        found.append(sampled_quantity(Quantity(name, unit, label), values))
     for name, values in one.scalars.items():
         low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
         prior = (
             f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
         )
         found.append(
-            _sampled(
+            sampled_quantity(
                 Quantity(name, unit_of(name), name.replace("_", " "), of=prior),
                 values,
             )
@@ -514,7 +514,7 @@ def quantities(one: Inference) -> list[Quantity]:
     return found
 
 
-def _sampled(one: Quantity, values: np.ndarray) -> Quantity:
+def sampled_quantity(one: Quantity, values: np.ndarray) -> Quantity:
     """The median of samples (S,), with the interval that is printed."""
     with_value = one.but(
         value=float(np.median(values)), stated="ends", level=round(100 * WIDE)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from chemage.plugin import algebra
+from chemage.plugin import Quantity, algebra
 from chemage_inference.energies import averaging
 from chemage_inference.forecast import WIDE, band
-from chemage_inference.result import Inference
+from chemage_inference.result import Inference, sampled_quantity
 
 #: parts into which the visible energies are cut, at most
 PARTS = 6
@@ -20,18 +21,6 @@ SURE = 0.95
 EMPTY = 0.01
 #: height of a maximum of the mean over its largest value above which it is named
 STANDS_OUT = 0.1
-
-
-@dataclass(frozen=True)
-class Share:
-    """The share of all sites whose barriers lie between two energies."""
-
-    #: eV
-    low: float
-    high: float
-    median: float
-    #: lower and upper end of the 90 % band
-    band: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -55,37 +44,43 @@ class Peak:
         )
 
 
-def shares(inference: Inference, parts: int = PARTS) -> list[Share]:
-    """Shares of the sites in equal parts of the visible energies, each at least as wide as the resolution."""
+def between(inference: Inference, edges: Sequence[float]) -> np.ndarray:
+    """(k + 1, S) shares of the sites whose barriers lie below, between and above ``edges`` (k,), eV."""
+    below = [_integral(inference, edge) for edge in edges]
+    return np.diff([0 * below[0], *below, 0 * below[0] + 1], axis=0)
+
+
+def shares(inference: Inference) -> list[Quantity]:
+    """Shares of the sites below, in equal parts of, and above the visible energies; no part is finer than the
+    resolution."""
     low, high = inference.visible_range
     if not high > low:
         return []
-    count = int(np.clip((high - low) / inference.resolution, 1, parts))
-    edges = np.linspace(low, high, count + 1).tolist()
-    return _shares(edges, [_integral(inference, edge) for edge in edges])
-
-
-def three_shares(inference: Inference) -> list[Share]:
-    """Shares of the sites whose barriers lie below, at and above the visible energies."""
-    low, high = inference.visible_range
-    first, second = _integral(inference, low), _integral(inference, high)
-    return _shares(
-        (-np.inf, low, high, np.inf), [0 * first, first, second, 0 * first + 1]
-    )
-
-
-def _shares(edges: Sequence[float], below: list[np.ndarray]) -> list[Share]:
-    """Shares between ``edges``, of each of which ``below`` has those (S,) of lower barriers."""
-    parts = zip(edges, edges[1:], np.diff(below, axis=0), strict=False)
-    return [
-        Share(low, high, float(np.median(part)), band(part, WIDE))
-        for low, high, part in parts
+    count = int(np.clip((high - low) / inference.resolution, 1, PARTS))
+    edges = np.linspace(low, high, count + 1)
+    names = [f"{edge:.3f}" for edge in edges]
+    where = ["below " + names[0], *map(" to ".join, pairwise(names))]
+    said = [
+        "bonded before the first hold time",
+        *[""] * count,
+        "seen as not reacted",
     ]
+    rows = zip(
+        [*where, "above " + names[-1]], said, between(inference, edges), strict=True
+    )
+    found = []
+    for label, of, part in rows:
+        one = Quantity(f"share {label}", "%", f"sites {label} eV", of=of)
+        least = "less than 0.1 %" if np.quantile(part, 0.95) < 5e-4 else ""
+        found.append(
+            one.but(reason=least) if least else sampled_quantity(one, 100 * part)
+        )
+    return found
 
 
 def empty(inference: Inference) -> bool:
     """Whether hardly any barriers can lie within the visible energies."""
-    return three_shares(inference)[1].band[1] < EMPTY
+    return band(between(inference, inference.visible_range)[1], WIDE)[1] < EMPTY
 
 
 def peaks(inference: Inference) -> list[Peak]:

@@ -9,17 +9,16 @@ from typing import Any
 import numpy as np
 
 from chemage.plugin import text as words
-from chemage_inference.forecast import UNSEEN, WIDE, Forecast
+from chemage_inference.forecast import UNSEEN, WIDE, Forecast, band
 from chemage_inference.result import (
     EXCLUDED,
     Inference,
 )
 from chemage_inference.shape import (
+    between,
     empty,
     peaks,
     rises,
-    shares,
-    three_shares,
     trend,
     unresolved,
 )
@@ -49,7 +48,7 @@ def facts(one: Inference) -> Rows:
     facts_ = [
         ("measured", measured_text(one)),
         ("visible energies", visible_text(one)),
-        *shape_rows(one),
+        *([("density", density_text(one))] if one.visible.any() else []),
     ]
     facts_.append(("largest residual", _largest_residual(one)))
     if suspects := one.suspects():
@@ -77,34 +76,13 @@ def visible_text(one: Inference) -> str:
     return f"{low:.3f} to {high:.3f} eV, resolution {one.resolution:.3f} eV"
 
 
-def shape_rows(one: Inference) -> Rows:
-    """The density in words, and the shares of the sites by energy."""
-    low, high = one.visible_range
-    if not math.isfinite(low):
-        return []
-    below, _, above = three_shares(one)
-    before = f"{_percent(below.median, below.band)} of the sites: bonded before the first hold time"
-    rows_: Rows = [
-        ("density", density_text(one)),
-        (f"  below {low:.3f} eV", before),
-    ]
-    for part in shares(one):
-        text = f"{_percent(part.median, part.band)} of the sites"
-        rows_.append((f"  {part.low:.3f} to {part.high:.3f} eV", text))
-    rows_.append(
-        (
-            f"  above {high:.3f} eV",
-            f"{_percent(above.median, above.band)} of the sites: seen as not reacted",
-        )
-    )
-    return rows_
-
-
 def density_text(one: Inference) -> str:
     """The peaks that the data support, or how the density runs."""
     if not one.visible.any():
         return "nothing is visible"
-    below, inside, above = (share.band[1] for share in three_shares(one))
+    below, inside, above = (
+        band(part, WIDE)[1] for part in between(one, one.visible_range)
+    )
     if empty(one):
         sides = [
             side
@@ -235,14 +213,6 @@ def _several(values: list[float], unit: str) -> str:
     if len(different) > 3:
         return f"{different[0]:g} to {different[-1]:g} {unit}"
     return f"{', '.join(f'{value:g}' for value in different)} {unit}"
-
-
-def _percent(mean: float, ends: tuple[float, float]) -> str:
-    if ends[1] < 5e-4:
-        return "less than 0.1 %"
-    return (
-        f"{100 * mean:.1f} % ({100 * max(ends[0], 0):.1f} to {100 * ends[1]:.1f})"
-    )
 
 
 def _largest_residual(one: Inference) -> str:

@@ -31,7 +31,7 @@ from chemage_inference.noise import ErrorModel, fixed
 from chemage_inference.problem import LEVEL, Data, Hidden, Prior, Problem, Unknowns, redrawn_outside
 from chemage_inference.result import InferenceResult
 from chemage_inference.sampling import COMPLETE, Chain, convergence, sample
-from chemage_inference.shape import peaks, shares, three_shares
+from chemage_inference.shape import between, peaks, shares
 
 # -- the forward model: quadrature, real contacts, neighbours and their derivative ------------------------------------
 
@@ -507,7 +507,7 @@ def test_no_barriers_inside_are_neither_flat_nor_falling():
     zero = np.where(empty.visible, 0.0, empty.samples)
     for one in (empty, empty.model_copy(update={"samples": zero})):
         assert words.density_text(one) == text
-        assert "less than 0.1 % of the sites" in dict(words.shape_rows(one)).values()
+        assert ("sites below 0.760 eV", "less than 0.1 %") in [share.row() for share in shares(one)]
         assert text in inference_figures(InferenceResult(one))["density"].axes[0].get_title().replace("\n", " ")
 
 
@@ -577,27 +577,25 @@ def test_a_peak_that_only_some_samples_have_is_none():
 
 def test_shares_are_integrals_of_the_density():
     one = made_inference()
-    found = shares(one)
+    below, *inner, above = shares(one)
     low, high = one.visible_range
-    assert (found[0].low, found[-1].high) == pytest.approx((low, high))
+    assert (below.label, above.label) == (f"sites below {low:.3f} eV", f"sites above {high:.3f} eV")
     inside = (one.energies >= low) & (one.energies <= high)
-    whole = np.trapezoid(one.density[inside], one.energies[inside])
-    assert sum(part.median for part in found) == pytest.approx(whole, rel=1e-2)
-    assert three_shares(one)[2].median == pytest.approx(
-        1 - np.trapezoid(one.density[one.energies <= high], one.energies[one.energies <= high]), abs=0.01
-    )
+    whole = 100 * np.trapezoid(one.density[inside], one.energies[inside])
+    assert sum(part.value for part in inner) == pytest.approx(whole, rel=1e-2)
+    upto = one.energies <= high
+    assert above.value == pytest.approx(100 - 100 * np.trapezoid(one.density[upto], one.energies[upto]), abs=1)
+    assert between(one, one.visible_range).sum(axis=0) == pytest.approx(1)
 
 
 def test_sites_below_the_visible_energies_have_a_row():
     """Of an offset that was left in the values, sites seem bonded from the first hold time on."""
-    one = made_inference((0.65, 1.0))
-    below, _, above = three_shares(one)
-    assert 0.2 < below.median < 0.6
-    rows = words.shape_rows(one)
-    assert rows[1][0] == "  below 0.760 eV"
-    assert rows[1][1].startswith(f"{100 * below.median:.1f} % ({100 * below.band[0]:.1f} to {100 * below.band[1]:.1f})")
-    assert rows[1][1].endswith("of the sites: bonded before the first hold time")
-    assert rows[-1][1].startswith(f"{100 * above.median:.1f} %")
+    below, *_, above = shares(made_inference((0.65, 1.0)))
+    assert 20 < below.value < 60
+    assert below.low < below.value < below.high
+    assert below.row()[0] == "sites below 0.760 eV"
+    assert below.row()[1].endswith("% bonded before the first hold time")
+    assert above.row()[1].endswith("% seen as not reacted")
 
 
 def test_data_that_tell_nothing_are_shown_as_such():

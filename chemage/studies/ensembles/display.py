@@ -11,7 +11,6 @@ import numpy as np
 from chemage.ageing.display import ON_ONE_SURFACE
 from chemage.ageing.fitting import DROPS, span_text
 from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, plain
-from chemage.foundation.names import __version__
 from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, Rank
 from chemage.foundation.result import (
     FILE,
@@ -155,12 +154,6 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     def numbers(self) -> dict[str, Any]:
         return jsonable(self.record.summary())
 
-    def cite(self) -> tuple[list[str], str]:
-        provenance = self.record.provenance
-        return list(provenance.get("cite", [])), provenance.get("versions", {}).get(
-            "chemage", __version__
-        )
-
     def stated(self) -> tuple[str, Mapping[str, Any]]:
         about, scene = super().stated()
         return (
@@ -204,12 +197,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             rows.append(
                 (f"seeds of {first} (surface, disorder and kinetics)", text + more)
             )
-        versions = ensemble.provenance.get("versions", {})
-        return [
-            *rows,
-            *((f"version of {name}", str(text)) for name, text in versions.items()),
-            *super().provenance(),
-        ]
+        return [*rows, *super().provenance()]
 
     # -- beside others ------------------------------------------------------------------------------------------------
 
