@@ -258,14 +258,10 @@ class Critic:
             odds += np.log(count / size)
             kind = "outlier" if count == 1 else "outliers"
             where = map(self._place, points)
-            amplitude = sizes[int(np.array(logs)[:, last].argmax())]
-            found.append(
-                Cause(
-                    *(kind, ", ".join(where), odds + float(every[last])),
-                    *(float(part[last]) for part in amplitude),
-                    *(np.nan, nothing),
-                )
-            )
+            mean, spread = sizes[int(np.array(logs)[:, last].argmax())]
+            size_of = float(mean[last]), float(spread[last]), np.nan
+            likely = odds + float(every[last])
+            found.append(Cause(kind, ", ".join(where), likely, *size_of, nothing))
         yield max(found, key=lambda cause: cause.odds)
 
     def _place(self, point: int) -> str:

@@ -27,7 +27,6 @@ from chemage_inference.result import (
     Inference,
     InferenceResult,
     quantities,
-    unit_of,
 )
 from chemage_inference.shape import peaks, shares, unresolved
 from chemage_inference.wording import (
@@ -211,7 +210,7 @@ def draw_forecasts(
     axes: Axes,
     medium: object,
     one: Inference,
-    forecasts: Mapping[str, Forecast],
+    of: Mapping[str, Forecast],
     shown: Sequence[str],
 ) -> None:
     """Draw the forecasts ``shown`` with their bands, and the measurements, with one colour for each load and
@@ -221,9 +220,9 @@ def draw_forecasts(
         times, values = one.hold_times[here], one.values[here]
         axes.plot(times, values, "o", ms=3, mfc="none", color=colour, label=label)
     for label in shown:
-        forecast = forecasts[label]
+        forecast = of[label]
         about = {"load": forecast.load, "temperature": forecast.temperature}
-        colour = _colour(one, (forecast.load, forecast.temperature), forecasts)
+        colour = _colour(one, (forecast.load, forecast.temperature), of)
         times, (low, high) = forecast.hold_times, forecast.band(WIDE)
         where = f" ({_conditions(about)})" * ("=" not in label)
         name = figures.plain(label + where + unseen_text(forecast))
@@ -244,34 +243,54 @@ def draw_forecasts(
     figures.legend(axes, title="bands: 68 and 90 %", alignment="left")
 
 
-def draw_scalar(axes: Axes, medium: object, one: Inference, name: str) -> None:
+def draw_scalar(axes: Axes, medium: object, one: Inference, scalar: str) -> None:
     """Draw the samples of an unknown, with the bounds of its prior."""
-    values = one.scalars[name]
-    low, high = one.scalar_bounds.get(
-        name, (float(values.min()), float(values.max()))
-    )
+    values = one.scalars[scalar]
+    low, high = one.scalar_bounds.get(scalar, (values.min(), values.max()))
     bins = list(np.linspace(low, high, 41))
     axes.hist(values, bins=bins, alpha=0.6, density=True)
-    ends = low, high, *one.interval(name, WIDE)
+    ends = low, high, *one.interval(scalar, WIDE)
     for end, colour in zip(ends, (GREY, GREY, ORANGE, ORANGE), strict=True):
         axes.axvline(end, color=colour)
-    label = Quantity(name, unit_of(name), name.replace("_", " ")).axis
+    label = next(each.axis for each in quantities(one) if each.name == scalar)
     axes.set(xlabel=label, ylabel="density of the samples", yticks=[])
     axes.set_title("orange: 90 %; grey: bounds of the prior")
 
 
-#: inches of one figure, and of one panel on a page
-_FILE, _PAGE = (6.4, 4.4), (4.9, 3.6)
-_HISTOGRAM = "Histogram of the samples of {}."
-_CAPTIONS = {
-    "density": "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band "
-    "of the prior (grey).{families} Outside the shaded energies the data tell sums only.",
-    "data": "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
-    "residuals": "Residuals in standard errors; shaded: two standard errors.",
-    "predictive": "What the prior and the posterior predict of the measurements, 90 % bands.",
-    "forecasts": "Forecasts at conditions that were not measured: median, 68 and 90 % bands of the posterior; dashed: "
-    "bounds of 90 % where nearly all is unseen.",
-    "unknowns": "Samples of the unknown scalars within the bounds of their priors.",
+#: inches of one figure
+_FILE = 6.4, 4.4
+#: what draws each panel, and its caption
+_DRAWN: dict[str, tuple[Any, str]] = {
+    "density": (
+        draw_density,
+        (
+            "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band of "
+            "the prior (grey).{families} Outside the shaded energies the data tell sums only."
+        ),
+    ),
+    "data": (
+        draw_data,
+        "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
+    ),
+    "residuals": (
+        draw_residuals,
+        "Residuals in standard errors; shaded: two standard errors.",
+    ),
+    "predictive": (
+        draw_predictive,
+        "What the prior and the posterior predict of the measurements, 90 % bands.",
+    ),
+    "forecasts": (
+        draw_forecasts,
+        (
+            "Forecasts at conditions that were not measured: median, 68 and 90 % bands of the posterior; dashed: bounds "
+            "of 90 % where nearly all is unseen."
+        ),
+    ),
+    "unknowns": (
+        draw_scalar,
+        "Samples of the unknown scalars within the bounds of their priors.",
+    ),
 }
 
 
@@ -360,21 +379,16 @@ class InferenceDisplay(OfRecord[Inference]):
             )
             columns = "density", "log score", "χ²", "parameters"
             verdict = family_verdict(one)
-            remarks = [f"{verdict[0].upper()}{verdict[1:]}."] if verdict else []
-            tables.append(Table(title, columns, families, "Families", remarks))
-        if result.forecasts:
+            tables.append(Table(title, columns, families, "Families", verdict))
+        if forecasts := [forecast_row(*each) for each in result.forecasts.items()]:
             columns = "forecast", "ΔF, median", "68 % (nN)", "90 % (nN)"
-            rows = [
-                forecast_row(*labelled) for labelled in result.forecasts.items()
-            ]
             title = "Forecasts of the friction drop"
-            tables.append(Table(title, columns, rows, "Forecasts"))
-        if result.experiments:
+            tables.append(Table(title, columns, forecasts, "Forecasts"))
+        if plans := [experiment_row(each) for each in result.experiments]:
             columns = "measurement", "variance falls by", "standard deviation then"
-            rows = [experiment_row(experiment) for experiment in result.experiments]
             title = f"Next measurements, by how much they narrow {result.target}"
-            table = Table(title, columns, rows, "Next measurements")
-            tables.append(replace(table, most=MOST_EXPERIMENTS))
+            head, most = "Next measurements", MOST_EXPERIMENTS
+            tables.append(Table(title, columns, plans, head, most=most))
         printed = [replace(table, in_detail=False) for table in tables]
         return [*printed, self._measurements()]
 
@@ -423,50 +437,47 @@ class InferenceDisplay(OfRecord[Inference]):
         families = " Orange: families of densities." if _families(one) else ""
 
         def panel(
-            key: str, draw: Any, alt: str, height: float, **more: Any
+            key: str, alt: str, height: float = 3.6, name: str = "", **more: Any
         ) -> Panel:
-            caption = _CAPTIONS[key].format(families=families)
-            size, name = (_PAGE[0], height), more.get("name", key)
-            return Panel(
-                partial(draw, one=one, **more), caption, alt, size, name=name
+            draw, caption = _DRAWN[key]
+            drawn, caption = (
+                partial(draw, one=one, **more),
+                caption.format(families=families),
             )
+            return Panel(drawn, caption, alt, (4.9, height), name=name or key)
 
         low, high = one.visible_range
         seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
         up_to = f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN."
         worst = f"Residuals in standard errors; the largest is {np.abs(one.residuals).max():.1f}."
         predicted = "Bands of what prior and posterior predict of the measurements."
-        density = panel("density", draw_density, seen, 4.2)
-        predictive = panel("predictive", draw_predictive, predicted, _PAGE[1])
-        data = (
-            panel("data", draw_data, up_to, _PAGE[1]),
-            panel("residuals", draw_residuals, worst, 2.6),
-        )
+        data = panel("data", up_to), panel("residuals", worst, 2.6)
         pictures = {
-            "density": Picture((density,), _FILE),
+            "density": Picture([panel("density", seen, 4.2)], _FILE),
             "data": Picture(data, (6.4, 5.6), columns=1),
-            "predictive": Picture((predictive,), _FILE),
+            "predictive": Picture([panel("predictive", predicted)], _FILE),
         }
-        if forecasts:
-            every, drawn = list(forecasts), []
-            for first in range(0, len(every), MOST):
-                more: Any = {
-                    "forecasts": forecasts,
-                    "shown": every[first : first + MOST],
-                }
-                alt = f"Forecasts: {_forecasts_text(forecasts)}."
-                one_of = panel("forecasts", draw_forecasts, alt, _PAGE[1], **more)
-                drawn.append(replace(one_of, name="-".join(more["shown"])))
+        every, alt = list(forecasts), f"Forecasts: {_forecasts_text(forecasts)}."
+        groups = [every[at : at + MOST] for at in range(0, len(every), MOST)]
+        drawn = [
+            panel("forecasts", alt, 3.6, "-".join(some), of=forecasts, shown=some)
+            for some in groups
+        ]
+        if drawn:
             columns = min(len(drawn), 2)
             size = _FILE[0] * columns, _FILE[1] * -(-len(drawn) // columns)
             pictures["forecasts"] = Picture(drawn, size, columns)
-        if one.scalars:
-            drawn = [
-                panel(
-                    "unknowns", draw_scalar, _HISTOGRAM.format(name), 2.8, name=name
-                )
-                for name in one.scalars
-            ]
+        drawn = [
+            panel(
+                "unknowns",
+                f"Histogram of the samples of {name}.",
+                2.8,
+                name,
+                scalar=name,
+            )
+            for name in one.scalars
+        ]
+        if drawn:
             pictures["unknowns"] = Picture(drawn, (4.2 * len(drawn), 3.4))
         return pictures
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -468,11 +467,12 @@ _SUMMED = (
 )
 
 
-#: units of what was inferred of the errors
-_TERMS = {
+#: units of what was inferred beside the density, but for pure numbers
+_UNITS = {
     "correlation time": "e-folds of the hold time",
     "drift": "per decade",
     "offset": "nN",
+    **{name: unit for name, (unit, _) in UNITS.items()},
 }
 
 
@@ -482,35 +482,23 @@ def _in_numbers(sampled: Mapping[str, np.ndarray]) -> dict[str, dict[str, Any]]:
 
 def quantities(one: Inference) -> list[Quantity]:
     """χ² and parameters, and what was sampled beside the density."""
-    points = f"of {one.hold_times.size} points"
+    first: Any = {"of": f"of {one.hold_times.size} points", "rank": Rank.FIRST}
+    fixed = Quantity("effective_parameters", ONE, "effective parameters", **first)
     found = [
-        Quantity("chi2", ONE, "χ²", value=one.chi2, of=points, rank=Rank.FIRST),
-        Quantity(
-            "effective_parameters",
-            ONE,
-            "effective parameters",
-            value=one.effective_parameters,
-            of=points,
-            rank=Rank.FIRST,
-        ),
+        Quantity("chi2", ONE, "χ²", value=one.chi2, **first),
+        fixed.but(value=one.effective_parameters),
     ]
-    for name, values in one.error_terms.items():
-        label = name
-        unit = _TERMS.get(name.partition(" of ")[0], ONE)
-        if name.startswith("scale "):
-            label = f"errors of {one.curves[int(name.removeprefix('scale '))]['name']} over the stated ones"
-        found.append(sampled_quantity(Quantity(name, unit, label), values))
-    for name, values in one.scalars.items():
-        low, high = one.scalar_bounds.get(name, (math.nan, math.nan))
-        prior = (
-            f"(prior {low:.3g} to {high:.3g})" if name in one.scalar_bounds else ""
-        )
-        found.append(
-            sampled_quantity(
-                Quantity(name, unit_of(name), name.replace("_", " "), of=prior),
-                values,
-            )
-        )
+    scales = {
+        f"scale {number}": f"errors of {about['name']} over the stated ones"
+        for number, about in enumerate(one.curves)
+    }
+    for name, values in {**one.error_terms, **one.scalars}.items():
+        bounds = one.scalar_bounds.get(name)
+        prior = "(prior {:.3g} to {:.3g})".format(*bounds) if bounds else ""
+        unit = _UNITS.get(name.partition(" of ")[0], ONE)
+        label = scales.get(name, name.replace("_", " "))
+        each = Quantity(name, unit, label, of=prior)
+        found.append(sampled_quantity(each, values))
     return found
 
 
@@ -520,11 +508,6 @@ def sampled_quantity(one: Quantity, values: np.ndarray) -> Quantity:
         value=float(np.median(values)), stated="ends", level=round(100 * WIDE)
     )
     return with_value.within(*band(values, WIDE), float(values.std()))
-
-
-def unit_of(name: str) -> str:
-    """The unit of what was inferred beside the density."""
-    return UNITS[name][0] if name in UNITS else ONE
 
 
 def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:

@@ -57,7 +57,7 @@ def shares(inference: Inference) -> list[Quantity]:
     if not high > low:
         return []
     count = int(np.clip((high - low) / inference.resolution, 1, PARTS))
-    edges = np.linspace(low, high, count + 1)
+    edges = np.linspace(low, high, count + 1).tolist()
     names = [f"{edge:.3f}" for edge in edges]
     where = ["below " + names[0], *map(" to ".join, pairwise(names))]
     said = [

@@ -145,16 +145,20 @@ def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
     return rows_
 
 
-def family_verdict(one: Inference) -> str:
-    """What the scores say, in a sentence; "" without scores."""
+def family_verdict(one: Inference) -> list[str]:
+    """What the scores say, a sentence; none without scores."""
     if len(one.scores) < 2:
-        return ""
+        return []
     best = max(one.scores.values())
     close = [name for name, score in one.scores.items() if best - score < APART]
-    shown = ["the smooth density" if name == SMOOTH else name for name in close]
-    if len(shown) == 1:
-        return f"hold times that were left out are predicted best by {shown[0]}"
-    return f"the data do not tell apart {', '.join(shown[:-1])} and {shown[-1]}: scores within {APART:g}"
+    *others, last = (
+        "the smooth density" if name == SMOOTH else name for name in close
+    )
+    if not others:
+        return [f"Hold times that were left out are predicted best by {last}."]
+    return [
+        f"The data do not tell apart {', '.join(others)} and {last}: scores within {APART:g}."
+    ]
 
 
 def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:

@@ -611,9 +611,9 @@ def test_data_that_tell_nothing_are_shown_as_such():
 def test_scores_name_the_best_and_those_as_good():
     one = made_inference()
     assert words.family_rows(one)[0][:2] == ("gaussian", "best")
-    assert words.family_verdict(one) == ("the data do not tell apart the smooth density and gaussian: scores within 2")
+    assert words.family_verdict(one) == ["The data do not tell apart the smooth density and gaussian: scores within 2."]
     alone = made_inference(scores={"density": 10.0, "uniform": 1.0})
-    assert words.family_verdict(alone).endswith("best by the smooth density")
+    assert words.family_verdict(alone)[0].endswith("best by the smooth density.")
     assert words.family_rows(made_inference(scores={})) == []
 
 
