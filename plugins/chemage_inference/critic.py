@@ -207,11 +207,27 @@ class Critic:
             slower = -slope * values / (top * KB * kelvin)
             yield "interaction", "", slower, TROUBLES["interaction"][2], 0.0
 
+    def _cause(
+        self,
+        kind: str,
+        where: str,
+        logs: Any,
+        means: Any,
+        squares: Any,
+        **more: Any,
+    ) -> Cause:
+        """A trouble whose amplitudes of these ``means``, and means of ``squares``, have log probabilities ``logs``."""
+        total = float(np.logaddexp.reduce(logs, axis=None))
+        share, odds = np.exp(np.array(logs) - total), total - self._scaled[0][0]
+        mean = float((share * means).sum())
+        spread = max(float((share * squares).sum()) - mean**2, 0.0) ** 0.5
+        known = {"least": np.nan, "signature": np.zeros(self.errors.size)}
+        return Cause(kind, where, odds, mean, spread, **(known | more))
+
     @cached_property
     def causes(self) -> list[Cause]:
         """All troubles, the likeliest first."""
-        null, found = self._scaled[0][0], []
-        residual = self.prior[0]
+        residual, found = self.prior[0], [*self._of_errors(), self._outliers()]
         for kind, where, change, typical, prior in self.signatures():
             v, spreads = change / self.errors, (SPREADS * typical) ** 2
             logs, means, squares = [], [], []
@@ -219,50 +235,45 @@ class Critic:
                 u, q = v @ inverse @ residual, v @ inverse @ v
                 more = 1 + spreads * q
                 gain = 0.5 * (spreads * u**2 / more - np.log(more))
-                logs.append(log + gain + np.log(weight / spreads.size))
+                logs.append(log + gain + prior + np.log(weight / spreads.size))
                 means.append(spreads * u / more)
                 squares.append(spreads / more + means[-1] ** 2)
-            odds = float(np.logaddexp.reduce(logs, axis=None))
-            share = np.exp(np.array(logs) - odds)
-            mean = float((share * means).sum())
-            deviation = float((share * squares).sum() - mean**2) ** 0.5
-            odds += prior - null
-            if kind == "interaction" and mean < 0:  # neighbours raise barriers
-                odds = -np.inf
             q = max(float(v @ self._scaled[0][1] @ v), 1e-300)
             bar = NAMED - prior - np.log(BESIDE[0]) + 0.5 * np.log1p(typical**2 * q)
             least = ((2 * bar) ** 0.5 + 1.64) / q**0.5
-            found.append(Cause(kind, where, odds, mean, deviation, least, change))
-        found += [*self._of_errors(), *self._outliers()]
+            known = {"least": least, "signature": change}
+            cause = self._cause(kind, where, logs, means, squares, **known)
+            if kind == "interaction" and cause.amplitude < 0:
+                cause = cause._replace(odds=-np.inf)  # neighbours raise barriers
+            found.append(cause)
         return sorted(found, key=lambda cause: -cause.odds)
 
-    def _outliers(self) -> Iterator[Cause]:
+    def _outliers(self) -> Cause:
         """Wrong values: the likeliest, one after the other, beside errors of any size; the amplitude is of the last."""
         size, residual = self.errors.size, self.prior[0]
-        nothing, wrong, odds = np.zeros(size), np.zeros(size), -self._scaled[0][0]
-        points, found = [], []
+        wrong, prior, points, found = np.zeros(size), 0.0, [], []
         for count in range(1, min(SEVERAL, size) + 1):
-            logs, sizes = [], []
+            prior += np.log(count / size)
+            logs, means, squares = [], [], []
             for scale, weight in zip(LARGER, BESIDE, strict=True):
-                errors = scale**2 * self.near + np.diag(wrong)
-                log, inverse = self._evidence(errors)
+                log, inverse = self._evidence(scale**2 * self.near + np.diag(wrong))
                 pull = WIDER * (inverse @ residual)
                 known = 1 + WIDER**2 * np.diag(inverse)
-                gain = pull**2 / known - np.log(known)
-                logs.append(log + np.log(weight) + 0.5 * gain)
-                sizes.append([WIDER * pull / known, WIDER * known**-0.5])
+                gain = 0.5 * (pull**2 / known - np.log(known))
+                logs.append(log + gain + prior + np.log(weight))
+                means.append(WIDER * pull / known)
+                squares.append(WIDER**2 / known + means[-1] ** 2)
             every = np.logaddexp.reduce(logs)
             every[points] = -np.inf
-            points.append(last := int(every.argmax()))
-            wrong[last] = WIDER**2
-            odds += np.log(count / size)
+            points.append(int(every.argmax()))
+            wrong[points[-1]] = WIDER**2
+            last = (
+                np.array(each)[:, points[-1]] for each in (logs, means, squares)
+            )
+            where = ", ".join(map(self._place, points))
             kind = "outlier" if count == 1 else "outliers"
-            where = map(self._place, points)
-            mean, spread = sizes[int(np.array(logs)[:, last].argmax())]
-            size_of = float(mean[last]), float(spread[last]), np.nan
-            likely = odds + float(every[last])
-            found.append(Cause(kind, ", ".join(where), likely, *size_of, nothing))
-        yield max(found, key=lambda cause: cause.odds)
+            found.append(self._cause(kind, where, *last))
+        return max(found, key=lambda cause: cause.odds)
 
     def _place(self, point: int) -> str:
         one = self.one
@@ -281,14 +292,9 @@ class Critic:
         errors = [s**2 * self._near(t) for t, s in zip(times, scales, strict=True)]
         if self.one.near is None:
             several.append(("correlated", "", errors, -np.log(times.size), times))
-        nothing = np.zeros(self.errors.size)
         for kind, where, errors, prior, sizes in several:
             logs = prior + np.array([self._evidence(each)[0] for each in errors])
-            total = float(np.logaddexp.reduce(logs))
-            share, odds = np.exp(logs - total), total - self._scaled[0][0]
-            mean = float(share @ sizes)
-            deviation = float(share @ (sizes - mean) ** 2) ** 0.5
-            yield Cause(kind, where, odds, mean, deviation, np.nan, nothing)
+            yield self._cause(kind, where, logs, sizes, sizes**2)
 
     @cached_property
     def asked(self) -> bool:
