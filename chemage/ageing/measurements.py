@@ -98,16 +98,17 @@ class Measurements:
             if array is None:
                 continue
             if array.shape != self.hold_times.shape:
-                problem = f"there are {self.hold_times.size} hold times; give one number for each"
+                problem = f"there are {self.hold_times.size} hold times; give one for each"
                 raise InputError.of(name, array.shape, problem)
-            if not np.isfinite(array).all():
+            for at in np.flatnonzero(~np.isfinite(array)):
+                problem = f"{name}[{at}] = {array[at]}: is not finite"
+                raise InputError(f"{problem}; leave that row out")
+        if self.error is not None:
+            for at in np.flatnonzero(self.error <= 0):
                 raise InputError(
-                    f"{name}: holds numbers that are not finite; leave those out"
+                    f"error[{at}] = {self.error[at]:g}: a standard error must be above zero; give the scatter of "
+                    "repeated measurements, or leave errors out"
                 )
-        if self.error is not None and (self.error <= 0).any():
-            raise InputError(
-                "error: holds numbers that are not above zero; leave it out if errors are not known"
-            )
 
     def as_quantity(
         self, quantity: Friction, load: float | None

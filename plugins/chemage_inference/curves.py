@@ -99,25 +99,10 @@ class MeasuredCurve(Record):
             raise ValueError(
                 "hold_times[0] = 0 s: nothing has aged then; leave that row out"
             )
-        for name in ("values", "errors", "correlation"):
-            array = getattr(self, name)
-            if array is None:
-                continue
-            if array.shape != self.hold_times.shape:
-                raise ValueError(
-                    f"{name}: {array.shape} numbers, but there are {self.hold_times.size} hold times; give one for each"
-                )
-            bad = np.flatnonzero(~np.isfinite(array))
-            if bad.size:
-                raise ValueError(
-                    f"{name}[{bad[0]}] = {array[bad[0]]}: is not finite; leave that row out"
-                )
-        wrong = np.flatnonzero(self.errors <= 0)
-        if wrong.size:
-            raise ValueError(
-                f"errors[{wrong[0]}] = {self.errors[wrong[0]]:g}: a standard error must be above zero; give the "
-                "scatter of repeated measurements, or an estimate of it"
-            )
+        about = self.name, self.hold_times, self.values, self.quantity
+        Measurements(*about, self.errors)
+        if self.known_correlation.shape != self.hold_times.shape:
+            raise ValueError("correlation: give one for each hold time")
         return self
 
     @property
@@ -128,22 +113,19 @@ class MeasuredCurve(Record):
         return self.correlation
 
     @property
+    def _force(self) -> float:
+        """nN of one of ``values``."""
+        return 1.0 if self.quantity == "friction_drop" else self.load
+
+    @property
     def friction_drop(self) -> np.ndarray:
         """ΔF, nN, (m,)."""
-        return (
-            self.values
-            if self.quantity == "friction_drop"
-            else self.values * self.load
-        )
+        return self.values * self._force
 
     @property
     def friction_drop_errors(self) -> np.ndarray:
         """Standard errors of ΔF, nN, (m,)."""
-        return (
-            self.errors
-            if self.quantity == "friction_drop"
-            else self.errors * self.load
-        )
+        return self.errors * self._force
 
     @property
     def question(self) -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -111,7 +112,7 @@ def _curves(one: Inference) -> Iterator[tuple[Mapping[str, Any], str, np.ndarray
         order = np.argsort(one.hold_times[here], kind="stable")
         yield (
             about,
-            _colour(one, (about["load"], about["temperature"])),
+            _colours(one)[about["load"], about["temperature"]],
             here[order],
         )
 
@@ -193,17 +194,15 @@ def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
     figures.legend(axes)
 
 
-def _colour(
-    one: Inference,
-    wanted: tuple[float, float],
-    forecasts: Mapping[str, Forecast] | None = None,
-) -> str:
-    """The colour of a load and a temperature: measured ones first, then those that are forecast."""
+def _colours(
+    one: Inference, forecasts: Iterable[Forecast] = ()
+) -> dict[tuple[float, float], str]:
+    """Load and temperature -> colour: measured ones first, then those that are forecast."""
     conditions = [(about["load"], about["temperature"]) for about in one.curves]
-    others = (forecasts or {}).values()
-    conditions += [(forecast.load, forecast.temperature) for forecast in others]
-    place = list(dict.fromkeys(conditions)).index(wanted)
-    return figures.PALETTE[place % len(figures.PALETTE)]
+    conditions += [(forecast.load, forecast.temperature) for forecast in forecasts]
+    return dict(
+        zip(dict.fromkeys(conditions), cycle(figures.PALETTE), strict=False)
+    )
 
 
 def draw_forecasts(
@@ -222,7 +221,7 @@ def draw_forecasts(
     for label in shown:
         forecast = of[label]
         about = {"load": forecast.load, "temperature": forecast.temperature}
-        colour = _colour(one, (forecast.load, forecast.temperature), of)
+        colour = _colours(one, of.values())[forecast.load, forecast.temperature]
         times, (low, high) = forecast.hold_times, forecast.band(WIDE)
         where = f" ({_conditions(about)})" * ("=" not in label)
         name = figures.plain(label + where + unseen_text(forecast))
