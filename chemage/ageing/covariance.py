@@ -21,7 +21,7 @@ import numpy as np
 
 from chemage.foundation.errors import InputError
 from chemage.foundation.quantities import Curve
-from chemage.foundation.statistics import student_limit
+from chemage.foundation.statistics import student_limits
 
 #: the values of c that are averaged over
 EXCHANGES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
@@ -129,9 +129,10 @@ class CurveError:
         wider = np.ones(2)
         if level is not None:
             below = float((self.variances**2 / self.freedoms).sum())
-            freedoms = self.variance**2 / below if below else 1.0, self.rest_freedom
-            limits = [student_limit(each, level) for each in (*freedoms, np.inf)]
-            wider = (np.array(limits[:2]) / limits[2]) ** 2
+            freedom = self.variance**2 / below if below else 1.0
+            freedoms = np.array([freedom, self.rest_freedom, np.inf])
+            limits = student_limits(freedoms, level)
+            wider = (limits[:2] / limits[2]) ** 2
         rest = np.einsum("k,kij->ij", self.weights, self.rests)
         shared = self.variance * np.outer(self.along, self.along)
         return wider[0] * shared + wider[1] * rest
