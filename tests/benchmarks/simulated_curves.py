@@ -5,7 +5,7 @@
 Each case ages a drawn density on two loads of a tip, infers it from the means with their covariance and with independent
 errors of the same size, and forecasts a third load and a higher temperature. The truth is the closed form of
 independent sites (`troubles.py`). Printed: how often bands of 90 % of the forecasts hold, χ² over the points less the
-effective parameters, and these.
+effective parameters, these, the scale of the errors, and how often the critic names a cause.
 """
 
 from __future__ import annotations
@@ -59,12 +59,13 @@ def main() -> None:
                 held += ((truth >= low - floor) & (truth <= high + floor)).tolist()
             left = found.values.size - found.effective_parameters
             scale = np.mean([np.median(found.error_terms[f"scale {k}"]) for k in range(2)])
-            row.append([np.mean(held), found.chi2 / left, found.effective_parameters, scale])
+            accused = bool(found.critic.named)
+            row.append([np.mean(held), found.chi2 / left, found.effective_parameters, scale, accused])
         print(number, *(f"{name}: {np.round(row[-1], 2)}" for name, row in rows.items()), flush=True)
     for name, row in rows.items():
-        held, chi2, effective, scale = np.mean(row, axis=0)
+        held, chi2, effective, scale, accused = np.mean(row, axis=0)
         print(f"{name:12s} bands of 90 % hold {100 * held:.1f} %, χ²/(points - parameters) {chi2:.2f}, parameters "
-              f"{effective:.1f}, scale {scale:.2f}")  # fmt: skip
+              f"{effective:.1f}, scale {scale:.2f}, accused {100 * accused:.0f} %")  # fmt: skip
 
 
 if __name__ == "__main__":

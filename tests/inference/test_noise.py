@@ -216,6 +216,26 @@ def test_correlated_errors_are_no_parameters_of_the_density():
     assert 10 < found.chi2 < 40
 
 
+@pytest.mark.long
+def test_bands_from_simulated_means_carry_the_correlation_of_hold_times():
+    """Replicas whose bonds persist are wrong at all hold times alike, which no number of these makes up for."""
+    made = scene()
+    contact = ca.solve_contact(made.solver, ca.make_surface(made.surface), made.load)
+    silica = made.chemistry.replace(forming=ca.barriers("gaussian", mean=0.9, std=0.1))
+    call = {"engine": ca.engine("independent"), "temperature": 300.0, "replicas": 10, "seed": 5}
+    (simulated,) = ca.read_curves(ca.age(contact, silica, hold_times=TIMES, **call))
+    alone = simulated.model_copy(update={"correlation": None})
+    one, other = (ca.infer(each, made, families=(), samples=100, seed=2) for each in (simulated, alone))
+    middle = (TIMES > 0.1) & (TIMES < 1e3)
+    spreads = [found.fitted[:, middle].mean(axis=1).std() for found in (one, other)]
+    assert spreads[0] > 1.3 * spreads[1]
+    assert spreads[0] == pytest.approx(simulated.errors[middle].mean(), rel=0.35)
+    assert one.near is not None
+    assert other.near is None
+    assert 3 < one.effective_parameters < 10
+    assert 0.3 < one.chi2 / (25 - one.effective_parameters) < 1.5
+
+
 WRONG = {
     "errors": ({"errors": "large"}, "errors = 'large': is not known; choose of scaled, robust, correlated"),
     "calibration": ({"calibration": "200 %"}, "must be between 0 and 50 %"),
