@@ -66,7 +66,7 @@ MOST_CALIBRATION = 0.5
 
 
 def infer(
-    measured: MeasuredCurve | Sequence[MeasuredCurve] | str | Path,
+    measured: MeasuredCurve | Sequence[Any] | str | Path | Any,
     scene: Scene | str | Path | Mapping[str, Any],
     *,
     unknown: Mapping[str, tuple[units.QuantityLike, units.QuantityLike]]
@@ -84,7 +84,7 @@ def infer(
     Parameters
     ----------
     measured
-        Curves from :func:`chemage.read_curves`, or the file or data frame itself.
+        Curves from :func:`chemage.read_curves`, or files, data frames and results of chemage themselves.
     scene
         Everything but the density: surface, contact, breaking barriers, interaction, the other values of the chemistry.
         Its ``[forming]``, loads, temperatures and hold times are not used; those of the curves are.
@@ -110,6 +110,11 @@ def infer(
         Threads for the simulated kinetics; default: one per processor.
     progress
         Called as the stages "contact", "interaction", "sampling" and "families" advance.
+
+    Warns
+    -----
+    PlanWarning
+        A temperature may be one in °C; not where its unit was written with it, as in "27 K".
 
     Raises
     ------
