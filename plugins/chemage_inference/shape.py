@@ -19,6 +19,8 @@ PARTS = 6
 SURE = 0.95
 #: share of the sites below which the visible energies count as empty
 EMPTY = 0.01
+#: share of the sites that is taken as none
+LEAST = 5e-4
 #: height of a maximum of the mean over its largest value above which it is named
 STANDS_OUT = 0.1
 
@@ -71,9 +73,12 @@ def shares(inference: Inference) -> list[Quantity]:
     found = []
     for label, of, part in rows:
         one = Quantity(f"share {label}", "%", f"sites {label} eV", of=of)
-        least = "less than 0.1 %" if np.quantile(part, 0.95) < 5e-4 else ""
+        part = np.where(part < LEAST, 0.0, 100 * part)
+        some = np.quantile(part, 0.95) > 0
         found.append(
-            one.but(reason=least) if least else sampled_quantity(one, 100 * part)
+            sampled_quantity(one, part)
+            if some
+            else one.but(reason="less than 0.1 %")
         )
     return found
 
