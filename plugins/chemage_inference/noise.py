@@ -158,7 +158,7 @@ class Noise:
         return self.model == ErrorModel()
 
     def without(self, left_out: np.ndarray) -> Noise:
-        """The same of the points that ``left_out`` (m,) does not mark."""
+        """The same of the points that ``left_out`` (m,) does not mark, of independent errors."""
         names = ("stated", "floors", "curve", "hold_times")
         return replace(
             self, **{name: getattr(self, name)[~left_out] for name in names}

@@ -152,3 +152,13 @@ def test_results_without_errors_or_hold_times_are_refused(tmp_path):
     tip = ca.surface("sphere", radius="5 nm", pixels=32, pixel_size="0.4518 nm").make()
     with pytest.raises(ca.InputError, match="has no friction drop against hold time"):
         ca.read_curves(tip)
+
+
+def test_printed_means_are_refused_as_they_lack_the_correlation_of_their_errors(tmp_path):
+    """The columns of ``chemage show --csv``."""
+    path = tmp_path / "means.csv"
+    path.write_text(
+        "hold_time (s),friction_drop (nN),friction_drop_stderr (nN),friction_drop_half_width (nN)\n1,2,1,2\n"
+    )
+    with pytest.raises(ca.InputError, match="without the correlation of their errors; give the file of the result"):
+        ca.read_curves(path, load=20, temperature=300)
