@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from chemage.plugin import algebra, progress
+from chemage_inference import kernels
 from chemage_inference.energies import EnergyGrid
 from chemage_inference.forward import Model
 from chemage_inference.problem import REACH, Linear, Prior, Problem
@@ -197,11 +198,12 @@ def estimated(
 def _best_point(model: Model) -> int:
     """The point of the grid of scalars at which a density fits best, the neighbours left out: a pattern search."""
     nodes = model.unknowns.nodes
+    priors = model.unknowns.priors[: nodes.shape[1]]
 
     @cache
     def misfit(point: int) -> float:
         data, factor = _alone(model, point)
-        prior = model.unknowns.log_prior(nodes[point])
+        prior = kernels.log_prior_of(nodes[point].astype(float), priors)
         return smooth_fit(data, 1e-11, factor).chi2 - 2 * prior
 
     best, step = model.middle, int(nodes.max() + 1) // 4

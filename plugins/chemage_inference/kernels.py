@@ -13,7 +13,7 @@ from the last node to the first, x_j has the tail probability v_j in its normal 
 cut at zero (Geweke 1991; Hajivassiliou & McFadden 1998). The choice is drawn anew at fixed v and fixed signs, so that
 the density adapts to it; the probability of a choice is its evidence times the probabilities of the signs. This is a
 non-centred parametrisation (Papaspiliopoulos, Roberts & Sköld, Statist. Sci. 22, 59 (2007)) that rectification does not
-spoil. Memory: a candidate is one Cholesky factor, n² doubles. Unknown scalars are drawn in the same way: another model
+spoil. Memory: a candidate is one Cholesky factor, n² doubles. **Unknown scalars** move in the same way: another model
 of the measurements takes the place of another choice.
 """
 
@@ -27,6 +27,10 @@ from chemage.plugin import algebra, kernel
 
 #: twice the logarithm by which a density is lower where it is left out
 NEGLIGIBLE = 60.0
+#: rows of a misfit are a multiple of these, for vectors of the processor
+ROWS = 16
+#: standard deviation of the integral of a density that is complete, and its largest
+COMPLETE, LIMIT = 0.003, 1.02
 
 
 @kernel(nogil=True)
@@ -87,7 +91,7 @@ def log_tail(z):
 def at_log_tail(log_share):
     """The z of which :func:`log_tail` is ``log_share``; at least −38, where it is 0 to double precision.
 
-    Newton's method from an upper bound, Q(z) ≤ exp(−z²/2)/2, from which it converges monotonically as log Q is concave.
+    By Newton's method, which converges as log Q is concave.
     """
     if log_share >= -1e-300:
         return -38.0
@@ -95,7 +99,10 @@ def at_log_tail(log_share):
         2.0
     )  # by the other tail, which is the smaller one
     goal = math.log(-math.expm1(log_share)) if lower else log_share
-    z = math.sqrt(max(-2.0 * (goal + math.log(2.0)), 0.0))
+    # Abramowitz & Stegun, 26.2.23: to within 5e-4
+    t = math.sqrt(-2.0 * goal)
+    z = 2.515517 + t * (0.802853 + t * 0.010328)
+    z = max(t - z / (1.0 + t * (1.432788 + t * (0.189269 + t * 0.001308))), 0.0)
     for _ in range(60):
         tail = 0.5 * scaled_erfc(z / math.sqrt(2.0))
         step = (
@@ -121,6 +128,21 @@ def drawn(a, b, low, high, uniform):
 
 
 @kernel(nogil=True)
+def inner(a, b):
+    """Inner product of ``a`` (n,) and ``b`` (n,): four sums, which do not wait for each other."""
+    p = q = r = s = 0.0
+    whole = a.size - a.size % 4
+    for k in range(0, whole, 4):
+        p += a[k] * b[k]
+        q += a[k + 1] * b[k + 1]
+        r += a[k + 2] * b[k + 2]
+        s += a[k + 3] * b[k + 3]
+    for k in range(whole, a.size):
+        p += a[k] * b[k]
+    return (p + q) + (r + s)
+
+
+@kernel(nogil=True)
 def log_misfit(x, matrix, target, areas, limit):
     """Minus half of χ² of the positive part of ``x``; −∞ where its integral exceeds ``limit``."""
     n, m = matrix.shape
@@ -133,10 +155,7 @@ def log_misfit(x, matrix, target, areas, limit):
                 residual[k] += x[i] * matrix[i, k]
     if mass > limit:
         return -np.inf
-    total = 0.0
-    for k in range(m):
-        total += residual[k] * residual[k]
-    return -0.5 * total
+    return -0.5 * inner(residual, residual)
 
 
 @kernel(nogil=True)
@@ -161,14 +180,10 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
     for number in range(directions.shape[0]):
         v = directions[number]
         moved = np.flatnonzero(v)
-        a0 = b0 = misfit = 0.0
-        for i in range(n):
-            a0 += v[i] * pulls[number, i]
-            b0 += v[i] * pull[i]
+        a0, b0 = inner(v, pulls[number]), inner(v, pull)
         if not a0 > 0.0:
             continue
-        for k in range(m):
-            misfit += residual[k] * residual[k]
+        misfit = inner(residual, residual)
         # beyond, the prior alone is below exp(−NEGLIGIBLE/2) of the present density
         reach = math.sqrt(b0 * b0 + a0 * (misfit + NEGLIGIBLE)) / a0
         first, last = -b0 / a0 - reach, -b0 / a0 + reach
@@ -203,11 +218,8 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
                 high = low
             logs[part] = -np.inf
             if high > low:
-                a, b, c = a0, b0, 0.0
-                for k in range(m):
-                    a += moving[k] * moving[k]
-                    b += fixed[k] * moving[k]
-                    c += fixed[k] * fixed[k]
+                a = a0 + inner(moving, moving)
+                b, c = b0 + inner(fixed, moving), inner(fixed, fixed)
                 (
                     lows[part],
                     highs[part],
@@ -280,6 +292,17 @@ def sweep(x, pull, matrix, target, areas, limit, directions, pulls, uniforms):
 
 
 @kernel(nogil=True)
+def log_prior_of(scalars, priors):
+    """Logarithm of the prior of ``scalars`` (k,): lower and upper bound, mean and standard deviation (k, 4) of each."""
+    total = 0.0
+    for k in range(scalars.size):
+        if not priors[k, 0] <= scalars[k] <= priors[k, 1]:
+            return -np.inf
+        total -= 0.5 * ((scalars[k] - priors[k, 2]) / priors[k, 3]) ** 2
+    return total
+
+
+@kernel(nogil=True)
 def exchanged(
     x,
     level,
@@ -290,8 +313,7 @@ def exchanged(
     directions,
     pulls,
     logs,
-    widths,
-    bounds,
+    priors,
     uniforms,
 ):
     """Draw ``x`` (n,) and a common factor anew along each of the ``directions`` (k, n) of their product, in place.
@@ -299,7 +321,7 @@ def exchanged(
     What ``x`` loses by the factor 1/f keeps its integral, so that sites move between energies while the factor follows.
     By slice sampling (Neal, Ann. Statist. 31, 705 (2003)). ``pull`` (n,) is the inverse covariance times x, ``pulls``
     (k, n) times the directions; ``matrix`` (n, r) and ``target`` (r,) are those of the present factor; ``logs`` (q,)
-    are the logarithms that the factor changes, normal with ``widths`` (q,) and within ``bounds`` (2,). ``uniforms``:
+    are the logarithms that the factor changes, with ``priors`` (q, 4) as of :func:`scalars_moved`. ``uniforms``:
     (k, :). Returns the logarithm of the whole factor.
     """
     n, tries = x.size, uniforms.shape[1]
@@ -342,12 +364,8 @@ def exchanged(
                 value = n * log
                 value -= 0.5 * share * share * (xx + at * (2.0 * xv + at * vv))
                 value += share * (lx + at * lv)
-                for k in range(target.size):
-                    value -= 0.5 * residual[k] * residual[k]
-                for q in range(logs.size):
-                    value -= 0.5 * ((logs[q] - whole - log) / widths[q]) ** 2
-                    if not bounds[0] <= logs[q] - whole - log <= bounds[1]:
-                        value = -np.inf
+                value -= 0.5 * inner(residual, residual)
+                value += log_prior_of(logs - whole - log, priors)
             uniform = uniforms[number, used]
             used += 1
             if stage == 0:
@@ -378,54 +396,124 @@ def exchanged(
 
 
 @kernel(nogil=True)
-def log_priors(x, level, candidates, inverses, logs):
-    """(k,) logarithm of the prior of ``x`` (n,) of each of the ``candidates`` (k,), but for a constant.
-
-    ``inverses`` (choices, n, n): inverse covariances; ``logs`` (choices,): minus half the logarithms of determinants.
-    """
-    n = x.size
-    priors = np.empty(candidates.size)
-    for k in range(candidates.size):
-        inverse = inverses[candidates[k]]
-        total = 0.0
+def gram(rows):
+    """(n, n): ``rows`` (m, n), transposed, times themselves."""
+    m, n = rows.shape
+    result = np.zeros((n, n))
+    whole = m - m % 4
+    for k in range(0, whole, 4):
         for i in range(n):
-            row = 0.0
-            for j in range(i):
-                row += inverse[i, j] * (x[j] - level)
-            total += (x[i] - level) * (2.0 * row + inverse[i, i] * (x[i] - level))
-        priors[k] = logs[candidates[k]] - 0.5 * total
-    return priors
+            p, q, r, s = (
+                rows[k, i],
+                rows[k + 1, i],
+                rows[k + 2, i],
+                rows[k + 3, i],
+            )
+            row = result[i]
+            for j in range(i, n):
+                row[j] += (p * rows[k, j] + q * rows[k + 1, j]) + (
+                    r * rows[k + 2, j] + s * rows[k + 3, j]
+                )
+    for k in range(whole, m):
+        for i in range(n):
+            p = rows[k, i]
+            for j in range(i, n):
+                result[i, j] += p * rows[k, j]
+    for i in range(n):
+        for j in range(i):
+            result[i, j] = result[j, i]
+    return result
 
 
 @kernel(nogil=True)
-def reduced(weights, axes, parts, offsets, values, factor, errors, near):
-    """Matrix (n, r) and target (r,) of the misfit, and the part of χ² that does not depend on the density.
+def log_prior(x, level, inverse, log):
+    """Logarithm of the prior of ``x`` (n,), but for a constant.
 
-    ``weights`` (g,) of the coefficients ``parts`` (g, m, r), the measurements by the ``axes`` (n, r), and ``offsets``
-    (g, m); ``values`` (m,), measured, are ``factor`` (m,) times those of the model, with ``errors`` (m,) and
-    correlations ``near`` (m,) with the point before.
+    ``inverse`` (n, n) is the inverse covariance, ``log`` minus half the logarithm of the determinant of the other.
     """
+    total = 0.0
+    for i in range(x.size):
+        row = 0.0
+        for j in range(i):
+            row += inverse[i, j] * (x[j] - level)
+        total += (x[i] - level) * (2.0 * row + inverse[i, i] * (x[i] - level))
+    return log - 0.5 * total
+
+
+@kernel(nogil=True)
+def spline_weights(position, powers, sizes):
+    """(g,) weights of the coefficients at a ``position`` (d,) on the grid of scalars.
+
+    ``powers`` (d, 4, pieces, splines): of each axis the coefficients of the polynomials; of these there are ``sizes``
+    (d, 2), pieces and splines.
+    """
+    weights = np.ones(1)
+    for axis in range(position.size):
+        piece = min(int(position[axis]), sizes[axis, 0] - 1)
+        each = powers[axis, :, piece, : sizes[axis, 1]]
+        away = position[axis] - piece
+        basis = ((each[3] * away + each[2]) * away + each[1]) * away + each[0]
+        weights = np.outer(weights, basis).ravel()
+    return weights
+
+
+@kernel(nogil=True)
+def reduced(scalars, measured, values, errors, near):
+    """Matrix (n, q) and target (q,) of the misfit, q > r, and the part of χ² that does not depend on the density.
+
+    ``measured`` is the model at any ``scalars`` (k,), of which the first d are a position on the grid: ``powers`` and
+    ``sizes`` as of :func:`spline_weights`; the coefficients ``parts`` (g, m, r), of the measurements by the ``axes``
+    (n, r), and ``offsets`` (g, m); and the changes (m, k) of the logarithms of the values, and of the values, with each
+    scalar. ``values`` (m,) have ``errors`` (m,) and correlations ``near`` (m,) with the point before. The rows from r
+    on are 0, the last one for the integral, see :func:`weighed`.
+    """
+    powers, sizes, axes, parts, offsets, rises, adds = measured
     m, r = values.size, axes.shape[1]
     rows, goal = np.zeros((m, r)), np.zeros((m, 1))
+    weights = spline_weights(scalars[: len(sizes)], powers, sizes)
     for point in range(weights.size):
         if weights[point] != 0.0:
             rows += weights[point] * parts[point]
             goal[:, 0] += weights[point] * offsets[point]
     for i in range(m - 1, -1, -1):
-        goal[i, 0] = (values[i] - factor[i] * goal[i, 0]) / errors[i]
-        for k in range(r):
-            rows[i, k] = factor[i] * rows[i, k] / errors[i]
+        log = added = 0.0
+        for k in range(scalars.size):
+            log += rises[i, k] * scalars[k]
+            added += adds[i, k] * scalars[k]
+        factor = math.exp(log) / errors[i]
+        goal[i, 0] = (values[i] - added) / errors[i] - factor * goal[i, 0]
+        rows[i] *= factor
     for i in range(m - 1, 0, -1):
         if near[i] != 0.0:
             root = math.sqrt(1.0 - near[i] * near[i])
             goal[i, 0] = (goal[i, 0] - near[i] * goal[i - 1, 0]) / root
             rows[i] = (rows[i] - near[i] * rows[i - 1]) / root
+    lower = algebra.cholesky(gram(rows) + 1e-6 * np.eye(r))
     columns = rows.T.copy()
-    lower = algebra.cholesky(algebra.products(columns, rows) + 1e-6 * np.eye(r))
-    target = algebra.forward(lower, algebra.products(columns, goal))
-    rest = algebra.products(goal.T.copy(), goal)
-    rest -= algebra.products(target.T.copy(), target)
-    return algebra.products(axes, lower), target[:, 0].copy(), rest[0, 0]
+    goals = algebra.forward(lower, algebra.products(columns, goal))
+    width = r + ROWS - r % ROWS
+    matrix, target = np.zeros((len(axes), width)), np.zeros(width)
+    for i in range(len(axes)):
+        row = matrix[i]
+        for k in range(r):
+            for j in range(k + 1):
+                row[j] += axes[i, k] * lower[k, j]
+    rest = 0.0
+    for i in range(m):
+        rest += goal[i, 0] * goal[i, 0]
+    for k in range(r):
+        target[k] = goals[k, 0]
+        rest -= target[k] * target[k]
+    return matrix, target, rest
+
+
+@kernel(nogil=True)
+def weighed(matrix, target, areas, integral):
+    """Write the row of the misfit that keeps the integral of the density about ``integral``; nan: none does."""
+    there = not math.isnan(integral)
+    for i in range(areas.size):
+        matrix[i, -1] = areas[i] / COMPLETE if there else 0.0
+    target[-1] = integral / COMPLETE if there else 0.0
 
 
 @kernel(nogil=True)
@@ -442,82 +530,257 @@ def solved(factor, goals):
 
 
 @kernel(nogil=True)
-def moved(
-    x,
-    choices,
-    level,
-    inverses,
-    logs,
-    matrices,
-    targets,
-    areas,
-    limits,
-    gumbels,
-    known,
-):
-    """Draw among ``choices`` (k,) of the prior and models of the measurements, at fixed v and fixed signs.
+def normal_equations(x, level, matrix, target):
+    """Precision (n, n), and its product (n, 1) with the mean less ``level``, that the measurements give where the signs
+    of ``x`` (n,) stay; ``matrix`` (n, m) and ``target`` (m,) as of :func:`log_misfit`."""
+    places, pull = np.flatnonzero(x > 0.0), target.copy()
+    seen = matrix[places]
+    for i in range(places.size):
+        pull -= level * seen[i]
+    square = gram(seen.T.copy())
+    right = algebra.products(seen, pull.reshape((-1, 1)))
+    precision, goal = np.zeros((x.size, x.size)), np.zeros((x.size, 1))
+    for i in range(places.size):
+        goal[places[i], 0] = right[i, 0]
+        for j in range(places.size):
+            precision[places[i], places[j]] = square[i, j]
+    return precision, goal
 
-    Changes ``x`` (n,) in place and returns which was drawn, from 0; the first is the present one. ``gumbels`` (k,) are
-    standard Gumbel numbers and what the logarithm of the probability has besides. ``matrices`` (1 or k, n, m),
-    ``targets`` and ``limits``: one model, or one for each choice. ``known``
-    (n + 1,): log v and the logarithm of the density of the present one, or at last nan; afterwards those of the one
-    drawn. The others are those of :func:`log_priors` and :func:`log_misfit`.
+
+@kernel(nogil=True)
+def adapted(x, log_shares, known, level, inverse, log, equations, model, limit):
+    """Logarithm of the probability of a choice and a model at fixed v and signs, but for a constant.
+
+    With ``known`` logarithms of v, ``log_shares`` (n,), ``x`` (n,) becomes what they are there, of the same signs; or
+    else they are written of ``x``. ``inverse`` and ``log`` as of :func:`log_prior`, ``equations`` as of
+    :func:`normal_equations`; ``model``: matrix, target and areas of :func:`log_misfit`.
     """
-    n = x.size
-    signs, log_shares = np.where(x > 0.0, 1.0, -1.0), np.empty(n)
-    trial, kept, shares = x.copy(), x.copy(), known.copy()
-    precision, goal = np.empty((n, n)), np.empty((n, 1))
-    number = np.empty(1, np.int64)
+    precision, goal = equations
+    matrix, target, areas = model
+    lower = algebra.cholesky(inverse + precision)
+    mean = solved(lower, algebra.forward(lower, goal).T)[0]
+    after, value = np.zeros(x.size), 0.0  # of each node, what those after it pull
+    for j in range(x.size - 1, -1, -1):
+        sign, middle = 1.0 if x[j] > 0.0 else -1.0, level + mean[j]
+        room = log_tail(sign * (after[j] - lower[j, j] * middle))
+        if known:
+            z = at_log_tail(log_shares[j] + room)
+            there = middle + (sign * z - after[j]) / lower[j, j]
+            # rounding keeps the sign
+            x[j] = max(there, 1e-300) if sign > 0.0 else min(there, 0.0)
+        else:
+            z = sign * (after[j] + lower[j, j] * (x[j] - middle))
+            log_shares[j] = log_tail(z) - room
+        value += room + 0.5 * z * z - math.log(lower[j, j])
+        for i in range(j):
+            after[i] += lower[j, i] * (x[j] - middle)
+    value += log_misfit(x, matrix, target, areas, limit)
+    return value + log_prior(x, level, inverse, log)
+
+
+@kernel(nogil=True)
+def choice_drawn(x, choices, level, inverses, logs, model, limit, gumbels):
+    """Draw among ``choices`` (k,) of the prior, the present one first, at fixed v and signs: from 0, which.
+
+    Changes ``x`` (n,) in place. ``gumbels`` (k,) are standard Gumbel numbers; ``inverses`` (choices, n, n) and ``logs``
+    (choices,) the others of :func:`adapted`.
+    """
+    matrix, target, _ = model
+    equations = normal_equations(x, level, matrix, target)
+    shares, kept = np.empty(x.size), x.copy()
     best, chosen = -np.inf, 0
     for k in range(choices.size):
-        number[0] = choices[k]
-        at = min(k, len(matrices) - 1)
-        matrix, target, limit = matrices[at], targets[at], limits[at]
-        if k == 0 and len(matrices) > 1 and not np.isnan(known[n]):
-            log_shares[:] = known[:n]
-            best = gumbels[k] + known[n]
-            continue
-        if k < len(matrices):
-            places, pull = np.flatnonzero(signs > 0.0), target.copy()
-            seen = matrix[places]
-            for i in range(places.size):
-                pull -= level * seen[i]
-            square = algebra.products(seen, seen.T.copy())
-            right = algebra.products(seen, pull.reshape((-1, 1)))
-            precision[:], goal[:] = 0.0, 0.0
-            for i in range(places.size):
-                goal[places[i], 0] = right[i, 0]
-                for j in range(places.size):
-                    precision[places[i], places[j]] = square[i, j]
-        lower = algebra.cholesky(inverses[number[0]] + precision)
-        mean = solved(lower, algebra.forward(lower, goal).T)[0]
-        after = np.zeros(n)  # of each node, what those after it pull
-        value = gumbels[k]
-        for j in range(n - 1, -1, -1):
-            sign, middle = signs[j], level + mean[j]
-            room = log_tail(sign * (after[j] - lower[j, j] * middle))
-            if k == 0:
-                z = sign * (after[j] + lower[j, j] * (x[j] - middle))
-                log_shares[j] = log_tail(z) - room
-            else:
-                z = at_log_tail(log_shares[j] + room)
-                there = middle + (sign * z - after[j]) / lower[j, j]
-                trial[j] = (
-                    max(there, 1e-300) if sign > 0.0 else min(there, 0.0)
-                )  # rounding keeps the sign
-            value += room + 0.5 * z * z - math.log(lower[j, j])
-            for i in range(j):
-                after[i] += lower[j, i] * (trial[j] - middle)
-        value += log_misfit(trial, matrix, target, areas, limit)
-        value += log_priors(trial, level, number, inverses, logs)[0]
+        trial, number = x.copy(), choices[k]
+        value = gumbels[k] + adapted(
+            trial, shares, k > 0, level, inverses[number], logs[number], equations, model, limit
+        )  # fmt: skip
         if value > best:
             best, chosen = value, k
             kept[:] = trial
-            shares[:n] = log_shares
-            shares[n] = value - gumbels[k]
     x[:] = kept
-    known[:] = shares
     return chosen
+
+
+@kernel(nogil=True)
+def scalars_moved(
+    x,
+    scalars,
+    state,
+    level,
+    inverses,
+    logs,
+    strengths,
+    areas,
+    measured,
+    data,
+    priors,
+    steps,
+    flips,
+    uniforms,
+):
+    """Move the ``scalars`` (k,) by each of the ``steps`` (M, k), or stay, with a density that adapts, in place.
+
+    ``state``: choice of the prior, and whether the density is complete. Where ``flips`` (M, 2), a length and a standard
+    normal number, are not nan, the step is a direction along which the logarithms of all values rise by about 1. An
+    open density is then completed with smaller values, or a complete one, of which less remains, opened with larger
+    ones. The open one is scaled to an integral of about 1; the probability with which that leads back is a further row
+    of its model. In half of the moves the strength of the prior falls as the values rise: it is one of
+    ``strengths[0]``, by steps of ``strengths[1]`` in the logarithm. ``inverses`` (choices, n, n) and ``logs``
+    (choices,): see :func:`adapted`; ``priors``: :func:`log_prior_of`; ``measured`` and ``data``, values, errors and
+    correlations: :func:`reduced`. ``uniforms``: (M, 3).
+    """
+    values, errors, near = data
+    rises = measured[5].sum(axis=0) / values.size
+    matrix, target, rest = reduced(scalars, measured, values, errors, near)
+    shares, value, known = np.empty(x.size), 0.0, False
+    for number in range(len(steps)):
+        choice, complete = state[0], state[1] > 0
+        flip = not math.isnan(flips[number, 0])
+        here = there = 1.0 if complete else np.nan
+        step, gain = 1.0, 0.0
+        if flip:
+            width, normal = flips[number, 0], flips[number, 1]
+            if complete:
+                step = width * abs(normal)
+                there = math.exp(-step)
+            else:
+                here, there = COMPLETE * normal, 1.0
+                for i in range(x.size):
+                    here += areas[i] * max(x[i], 0.0)
+                step = math.log(max(here, 1e-300))
+                if step > 0.0:
+                    continue
+            size = abs(step)
+            gain = size + math.log(4.0 / (width * math.sqrt(2.0 * math.pi)))
+            gain = (gain - 0.5 * (size / width) ** 2) * (-1.0 if complete else 1.0)
+        other = scalars + step * steps[number]
+        gain += log_prior_of(other, priors) - log_prior_of(scalars, priors)
+        fall = 0.0
+        if uniforms[number, 0] < 0.5:
+            for k in range(rises.size):
+                fall += rises[k] * (other[k] - scalars[k]) / strengths[1]
+        strength = choice % strengths[0] - math.floor(fall + uniforms[number, 1])
+        if gain == -np.inf or not 0 <= strength < strengths[0]:
+            continue
+        after = int(choice - choice % strengths[0] + strength)
+        if flip or not known:
+            weighed(matrix, target, areas, here)
+            limit = LIMIT if complete else 1.0
+            model = matrix, target, areas
+            equations = normal_equations(x, level, matrix, target)
+            value = adapted(
+                x.copy(), shares, False, level, inverses[choice], logs[choice], equations, model, limit
+            )  # fmt: skip
+            known = not flip
+        trial = x.copy()
+        new, goal, left = reduced(other, measured, values, errors, near)
+        weighed(new, goal, areas, there)
+        limit = LIMIT if complete != flip else 1.0
+        equations = normal_equations(x, level, new, goal)
+        found = adapted(
+            trial, shares, True, level, inverses[after], logs[after], equations, (new, goal, areas), limit
+        )  # fmt: skip
+        if found - value + gain + 0.5 * (rest - left) > math.log(
+            uniforms[number, 2]
+        ):
+            x[:], scalars[:] = trial, other
+            matrix, target, rest, value = new, goal, left, found
+            state[0], state[1] = after, complete != flip
+            known = not flip
+
+
+@kernel(nogil=True)
+def peaks_drawn(uniforms, last, widths, probability):
+    """(S, 4, k) peaks of the prior, of ``uniforms`` of the same shape: their positions from 0 to ``last``, the numbers
+    of their ``widths``, their weights, and whether they are there. Weights are exponential, so that their parts of the
+    sum over those there are uniform; all but the first are there with a ``probability``."""
+    peaks = uniforms.copy()
+    for each in peaks:
+        for k in range(each.shape[1]):
+            each[0, k] *= last
+            each[1, k] = math.floor(widths * each[1, k])
+            each[2, k] = -math.log(1.0 - each[2, k])
+            each[3, k] = 1.0 if k == 0 or each[3, k] < probability else 0.0
+    return peaks
+
+
+@kernel(nogil=True)
+def of_peaks(peaks, table):
+    """(m,) mean over ``peaks`` (4, k) of a ``table`` (widths, positions, m), interpolated between positions."""
+    place, width, weight, there = peaks[0], peaks[1], peaks[2], peaks[3]
+    total, whole = np.zeros(table.shape[2]), 0.0
+    for k in range(place.size):
+        if there[k] > 0.0:
+            left = min(int(place[k]), table.shape[1] - 2)
+            lower, upper = (
+                table[int(width[k]), left],
+                table[int(width[k]), left + 1],
+            )
+            total += weight[k] * (lower + (place[k] - left) * (upper - lower))
+            whole += weight[k]
+    return total / whole
+
+
+@kernel(nogil=True)
+def peaks_location(peaks, kt, widths):
+    """-kt times the logarithm of the rate with which all ``peaks`` (4, k) react at first; all in steps."""
+    place, width, weight, there = peaks[0], peaks[1], peaks[2], peaks[3]
+    top, total, whole = -np.inf, 0.0, 0.0
+    logs = np.full(place.size, -np.inf)
+    for k in range(place.size):
+        if there[k] > 0.0:
+            logs[k] = 0.5 * (widths[int(width[k])] / kt) ** 2 - place[k] / kt
+            whole += weight[k]
+            top = max(top, logs[k])
+    for k in range(place.size):
+        total += weight[k] * math.exp(logs[k] - top)
+    return -kt * (top + math.log(total / whole))
+
+
+@kernel(nogil=True)
+def peaks_moved(peaks, base, scale, table, kt, widths, probability, uniforms):
+    """Move ``peaks`` (4, k) by Metropolis steps, in place; their residuals are ``base`` (m,) less ``scale`` × those of
+    :func:`of_peaks` in standard errors.
+
+    All peaks move alike, or else all or one are drawn from the prior and then all moved alike such that they react at
+    first as before. ``kt`` and ``widths`` in steps of the positions; ``uniforms``: (moves, 4 k + 4).
+    """
+    count, last = peaks.shape[1], table.shape[1] - 1.0
+    residual = base - scale * of_peaks(peaks, table)
+    here = 0.5 * inner(residual, residual)
+    for number in range(len(uniforms)):
+        uniform, kind = uniforms[number], number % 3
+        other, away, possible = peaks.copy(), 0.0, True
+        if kind == 0:
+            normal = math.sqrt(-2.0 * math.log(1.0 - uniform[0]))
+            normal *= math.cos(2.0 * math.pi * uniform[1])
+            away = 10.0 ** (4.0 * uniform[2] - 3.0) * kt * normal
+        else:
+            new = uniform[4:].copy().reshape((1, 4, count))
+            new = peaks_drawn(new, last, widths.size, probability)[0]
+            one = int(count * uniform[0])
+            for k in range(count):
+                if kind == 1 or k == one:
+                    other[:, k] = new[:, k]
+            away = peaks_location(other, kt, widths)
+            away -= peaks_location(peaks, kt, widths)
+            for k in range(
+                count
+            ):  # it draws those that are replaced, shifted as well
+                drawn_back = peaks[3, k] > 0.0 and (kind == 1 or k == one)
+                if drawn_back and not 0.0 <= peaks[0, k] - away <= last:
+                    possible = False
+        for k in range(count):
+            other[0, k] -= away
+            if other[3, k] > 0.0 and not 0.0 <= other[0, k] <= last:
+                possible = False
+            other[0, k] = min(max(other[0, k], 0.0), last)
+        if not possible:
+            continue
+        residual = base - scale * of_peaks(other, table)
+        there = 0.5 * inner(residual, residual)
+        if math.log(uniform[3]) < here - there:
+            peaks[:], here = other, there
 
 
 @kernel(nogil=True)

@@ -23,12 +23,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from chemage import Chemistry, InputError
 from chemage.plugin import algebra, convert, nearest, units
+from chemage_inference import kernels
 from chemage_inference.energies import EnergyGrid
 from chemage_inference.noise import Noise, State, fixed
 
@@ -51,6 +52,8 @@ LOAD = "load over stated"
 #: values of one unknown, of each of two and of three on the grid, without and with an interaction; and of the load at
 #: most, for each of which contacts are solved
 POINTS, LOADS = ((31, 13, 9), (9, 5, 5)), 9
+#: standard deviations by which the load is off at most
+FARTHEST = 2.5
 
 
 def matern(smoothness: float, distance: np.ndarray) -> np.ndarray:
@@ -151,8 +154,6 @@ class Unknowns:
     factor: tuple[float, float] | None = None
     #: name -> lower and upper bound, in its unit
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    #: standard deviation of the logarithm of the true load over the stated one
-    load_error: float = 0.0
 
     @cached_property
     def nodes(self) -> np.ndarray:
@@ -175,38 +176,59 @@ class Unknowns:
         }
 
     @cached_property
-    def _splines(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each axis the coefficients of cardinal splines, and (4, pieces, splines) those of the cubic B-splines."""
-        from scipy.interpolate import BSpline, make_interp_spline
+    def _cardinals(self) -> list[Any]:
+        """Of each axis the splines that are 1 at one of its values and 0 at all others, or nearly so."""
+        from scipy.interpolate import make_interp_spline, make_lsq_spline
 
         splines = []
-        for axis in self.axes.values():
+        for name, axis in self.axes.items():
             at, each = np.arange(axis.size), np.eye(axis.size)
-            cardinal = make_interp_spline(at, each)
-            basis = BSpline(cardinal.t, each, cardinal.k)
-            powers = [basis(at[:-1], k) / math.factorial(k) for k in range(4)]
-            splines.append((cardinal.c, np.stack(powers)))
+            # as the load rises, one pixel after the other comes into contact, as none does in truth
+            splines.append(
+                make_lsq_spline(at, each, np.repeat([0.0, at[-1]], 3), 2)
+                if name == LOAD
+                else make_interp_spline(at, each)
+            )
         return splines
+
+    @cached_property
+    def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
+        """Those of B-splines, with their sizes, as of :func:`chemage_inference.kernels.spline_weights`."""
+        from scipy.interpolate import BSpline
+
+        sizes = np.array(
+            [
+                (axis.size - 1, len(spline.c))
+                for axis, spline in zip(
+                    self.axes.values(), self._cardinals, strict=True
+                )
+            ],
+            dtype=np.int64,
+        ).reshape(-1, 2)
+        powers = np.zeros((len(sizes), 4, *sizes.max(axis=0, initial=1)))
+        for each, spline, (pieces, count) in zip(
+            powers, self._cardinals, sizes, strict=True
+        ):
+            basis = BSpline(spline.t, np.eye(count), spline.k)
+            for k in range(4):
+                each[k, :pieces, :count] = basis(
+                    np.arange(pieces), k
+                ) / math.factorial(k)
+        return powers, sizes
 
     def coefficients(self, array: np.ndarray) -> np.ndarray:
         """Of ``array`` (g, ...) at the points of the grid: those whose sums with :meth:`weights` interpolate it."""
         shape = [axis.size for axis in self.axes.values()]
         array = array.reshape(*shape, *array.shape[1:])
-        for axis, (inverse, _) in enumerate(self._splines):
+        for axis, spline in enumerate(self._cardinals):
             rows = np.moveaxis(array, axis, 0)
-            array = np.moveaxis(algebra.product(inverse, rows), 0, axis)
+            array = np.moveaxis(algebra.product(spline.c, rows), 0, axis)
         return np.ascontiguousarray(array).reshape(-1, *array.shape[len(shape) :])
 
     def weights(self, positions: np.ndarray) -> np.ndarray:
         """(S, g) of the coefficients at ``positions`` (S, d); at most four along each axis are not 0."""
-        weights = np.ones((len(positions), 1))
-        for (_, polynomials), at in zip(self._splines, positions.T, strict=True):
-            piece = np.minimum(at.astype(np.int64), polynomials.shape[1] - 1)
-            basis, away = polynomials[3, piece], (at - piece)[:, None]
-            for power in polynomials[2::-1]:
-                basis = basis * away + power[piece]
-            weights = (weights[:, :, None] * basis[:, None]).reshape(len(at), -1)
-        return weights
+        each = [kernels.spline_weights(at, *self.polynomials) for at in positions]
+        return np.stack(each)
 
     def chemistry(self, chemistry: Chemistry, point: int) -> Chemistry:
         """The chemistry at a point of the grid."""
@@ -221,15 +243,17 @@ class Unknowns:
         values = self.values(self.nodes[[point]])
         return stated * float(values[LOAD][0]) if LOAD in values else stated
 
-    def log_prior(self, position: np.ndarray) -> float:
-        """The logarithm of the prior at a ``position`` (d,), but for a constant."""
-        sizes = [axis.size for axis in self.axes.values()]
-        if np.any(position < 0) or np.any(position > np.array(sizes) - 1):
-            return -np.inf
-        if LOAD not in self.axes:
-            return 0.0
-        load = float(self.values(position[None])[LOAD][0])
-        return -0.5 * (math.log(load) / self.load_error) ** 2
+    @cached_property
+    def priors(self) -> np.ndarray:
+        """(k, 4) of the position on the grid, and of the logarithm of the factor where it is unknown: lower and upper
+        bound, mean, and standard deviation, infinite where the prior is uniform."""
+        spans = [(0.0, axis.size - 1.0) for axis in self.axes.values()]
+        spans += [self.factor] if self.factor else []
+        priors = [(*span, sum(span) / 2, np.inf) for span in spans]
+        if LOAD in self.axes:
+            last = self.axes[LOAD].size - 1.0
+            priors[len(self.axes) - 1] = 0.0, last, last / 2, last / 2 / FARTHEST
+        return np.array(priors).reshape(-1, 4)
 
 
 def unknowns_of(
@@ -256,14 +280,14 @@ def unknowns_of(
     ]
     if load_error:
         on_grid = [*on_grid, LOAD]
-        axes.append(np.exp(load_error * np.linspace(-2.5, 2.5, min(count, LOADS))))
+        axes.append(
+            np.exp(load_error * FARTHEST * np.linspace(-1, 1, min(count, LOADS)))
+        )
     factor = None
     if "bond_force" in bounds:
         low, high = np.log(np.array(bounds["bond_force"]) / chemistry.bond_force)
         factor = float(low), float(high)
-    return Unknowns(
-        dict(zip(on_grid, axes, strict=True)), factor, bounds, load_error
-    )
+    return Unknowns(dict(zip(on_grid, axes, strict=True)), factor, bounds)
 
 
 def _bounds(
@@ -439,30 +463,6 @@ class Data:
     kt: float
 
 
-class Peaks(NamedTuple):
-    """The state of S chains with :data:`MOST` peaks each."""
-
-    #: (S, k) positions in the table, from 0
-    place: np.ndarray
-    #: (S, k) numbers of the widths
-    width: np.ndarray
-    #: (S, k) weights, standard exponential; shares are their parts of the sum over the peaks that are there
-    weight: np.ndarray
-    #: (S, k)
-    there: np.ndarray
-
-    @property
-    def shares(self) -> np.ndarray:
-        """(S, k), 0 where a peak is not there."""
-        present = self.weight * self.there
-        return present / present.sum(axis=1, keepdims=True)
-
-
-def _where(chosen: np.ndarray, new: Peaks, old: Peaks) -> Peaks:
-    """The ``new`` peaks that are ``chosen``, and else the ``old`` ones."""
-    return Peaks(*(np.where(chosen, *two) for two in zip(new, old, strict=True)))
-
-
 class Hidden:
     """Densities on the nodes ``first`` to ``stop`` of ``grid``, without ``stop``."""
 
@@ -484,30 +484,6 @@ class Hidden:
         #: (widths, positions, stop - first) 1/eV, each of integral 1
         self.shapes = share / share.sum(axis=-1, keepdims=True) / self.areas
 
-    def drawn(self, count: int, rng: np.random.Generator) -> Peaks:
-        """Peaks of the prior, of ``count`` chains."""
-        size = (count, MOST)
-        there = rng.random(size) < THERE
-        there[:, 0] = True
-        place = (self.count - 1) * rng.random(size)
-        return Peaks(
-            place,
-            rng.integers(WIDTHS.size, size=size),
-            rng.standard_exponential(size),
-            there,
-        )
-
-    def _inside(self, place: np.ndarray) -> np.ndarray:
-        return (place >= 0) & (place <= self.count - 1)
-
-    def at(self, peaks: Peaks, tables: np.ndarray) -> np.ndarray:
-        """(S, m) sums over the peaks of ``tables`` (1 or S, widths, positions, m), interpolated between positions."""
-        left = np.minimum(peaks.place.astype(np.int64), self.count - 2)
-        part, row = (peaks.place - left)[..., None], np.arange(len(tables))[:, None]
-        lower, upper = (tables[row, peaks.width, at] for at in (left, left + 1))
-        each = (1 - part) * lower + part * upper
-        return np.einsum("sk,skm->sm", peaks.shares, each)
-
     def integral(self, densities: np.ndarray) -> np.ndarray:
         """(S,) shares of the sites that ``densities`` (S, n) have here."""
         return algebra.product(densities[:, self.here], self.areas)
@@ -520,29 +496,32 @@ class Hidden:
         data: Data | None = None,
     ) -> np.ndarray:
         """``densities`` (S, n) with ``shares`` (S,) of the sites here, drawn anew; without ``data`` from the prior."""
-        redrawn = densities.copy()
+        redrawn, last = densities.copy(), self.count - 1.0
         redrawn[:, self.here] = 0.0
-        peaks = self.drawn(len(redrawn), rng)
-        if data is not None:
-            peaks = self._moved(peaks, redrawn, shares, data, rng)
-        redrawn[:, self.here] = shares[:, None] * self.at(peaks, self.shapes[None])
+        uniforms = rng.random((len(redrawn), 4, MOST))
+        peaks = kernels.peaks_drawn(uniforms, last, len(WIDTHS), THERE)
+        if data is not None and len(redrawn):
+            self._move(peaks, redrawn, shares, data, rng)
+        for density, share, each in zip(redrawn, shares, peaks, strict=True):
+            density[self.here] = share * kernels.of_peaks(each, self.shapes)
         return redrawn
 
-    def _moved(
+    def _move(
         self,
-        peaks: Peaks,
+        peaks: np.ndarray,
         rest: np.ndarray,
         shares: np.ndarray,
         data: Data,
         rng: np.random.Generator,
-    ) -> Peaks:
-        """``peaks`` after :data:`MOVES` moves in the posterior, with the densities ``rest`` (S, n) elsewhere."""
+    ) -> None:
+        """Move ``peaks`` (S, 4, k) :data:`MOVES` times in the posterior, with the densities ``rest`` (S, n)
+        elsewhere."""
         tables = np.einsum(
             "gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes
         )
         factor = data.factors[:, None]
         seen = values_of(rest, data.weights, data.matrices, data.offsets)
-        base, scale = data.values - factor * seen, factor * shares[:, None]
+        base, scale = data.values - factor * seen, data.factors * shares
         # only combinations of the measurements that the peaks change
         rows = tables.reshape(-1, tables.shape[-1])
         axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0)
@@ -550,60 +529,15 @@ class Hidden:
             np.abs(algebra.product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE
         ].T
         tables, base = algebra.product(tables, axes), algebra.product(base, axes)
-        # those of each sample, where scalars are unknown
-        tables = (
-            algebra.product(data.weights, tables) if len(tables) > 1 else tables
-        )
-
-        def misfit(peaks: Peaks) -> np.ndarray:
-            residual = base - scale * self.at(peaks, tables)
-            return 0.5 * (residual**2).sum(axis=1)
-
-        here = misfit(peaks)
-        for number in range(MOVES):
-            other, back = self._proposed(
-                peaks, number % 3, data.kt / self.step, rng
+        kt, widths = data.kt / self.step, WIDTHS / self.step
+        for each, weights, *of in zip(
+            peaks, data.weights, base, scale, strict=True
+        ):
+            table, uniforms = (
+                summed(weights, tables),
+                rng.random((MOVES, 4 * MOST + 4)),
             )
-            inside = back & (self._inside(other.place) | ~other.there).all(axis=1)
-            other = other._replace(place=np.clip(other.place, 0, self.count - 1))
-            there = misfit(other)
-            taken = inside & (np.log(rng.random(shares.size)) < here - there)
-            peaks = _where(taken[:, None], other, peaks)
-            here = np.where(taken, there, here)
-        return peaks
-
-    def _proposed(
-        self, peaks: Peaks, kind: int, kt: float, rng: np.random.Generator
-    ) -> tuple[Peaks, np.ndarray]:
-        """Other peaks, and (S,) whether the move back is possible; ``kt`` in steps.
-
-        All peaks move alike, or else (kind 1: all, kind 2: one) are drawn from the prior and then moved alike such that
-        they react at first as before.
-        """
-        count = len(peaks.place)
-        if not kind:
-            far = 10 ** rng.uniform(-3, 1, (count, 1)) * kt
-            far = far * rng.standard_normal((count, 1))
-            return peaks._replace(place=peaks.place + far), np.ones(count, bool)
-        chosen = rng.integers(MOST, size=(count, 1)) == np.arange(MOST)
-        chosen |= kind == 1
-        other = _where(chosen, self.drawn(count, rng), peaks)
-        away = (self._location(other, kt) - self._location(peaks, kt))[:, None]
-        # it draws the peaks that this one replaces, shifted as well
-        back = self._inside(peaks.place - away) | ~(peaks.there & chosen)
-        return other._replace(place=other.place - away), back.all(axis=1)
-
-    def _location(self, peaks: Peaks, kt: float) -> np.ndarray:
-        """(S,) -kt times the logarithm of the rate with which all peaks react at first, in steps."""
-        log_rates = (
-            -peaks.place / kt + 0.5 * (WIDTHS[peaks.width] / (kt * self.step)) ** 2
-        )
-        log_rates = np.where(peaks.there, log_rates, -np.inf)
-        top = log_rates.max(axis=1)
-        return -kt * (
-            top
-            + np.log((peaks.shares * np.exp(log_rates - top[:, None])).sum(axis=1))
-        )
+            kernels.peaks_moved(each, *of, table, kt, widths, THERE, uniforms)
 
 
 def redrawn_outside(

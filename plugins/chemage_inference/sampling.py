@@ -17,6 +17,7 @@ import numpy as np
 from chemage.plugin import algebra
 from chemage.plugin import threads as processors
 from chemage_inference import kernels
+from chemage_inference.kernels import COMPLETE, LIMIT
 from chemage_inference.noise import State
 from chemage_inference.open import effective as effective_samples
 from chemage_inference.open import r_hat
@@ -31,8 +32,6 @@ SCALARS_AGREED = 1.01
 #: lengths of moves of the scalars over that of a difference of earlier values, or of the prior, before there are earlier
 #: values; by how much they are larger then
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
-#: standard deviation of the integral of a density that is complete, and its largest
-COMPLETE, LIMIT = 0.003, 1.02
 #: passes over the density in a sweep, and moves of scalars in each; common factors need fewer
 PASSES, MOVED = 2, 5
 #: densities at most that are looked at for one direction of an exchange between density and factor
@@ -42,21 +41,20 @@ ARCHIVE, BUMPS = 200, 2000
 #: derivatives of a bump that serve as directions, from the 0th
 ORDERS = 5
 #: standard errors by which a combination of the measurements changes with the density (1/eV) at least, or is left out
-NEGLIGIBLE = 2e-3
+NEGLIGIBLE = 0.02
 
 
 class ChainPosition(NamedTuple):
     """Where a chain is, but for its density."""
 
+    #: (k,) position on the grid, logarithm of the common factor, nuisances: those unknown
+    scalars: np.ndarray
     #: (d,) on the grid of scalars
     position: np.ndarray
     #: logarithm of the common factor
     log_factor: float
     #: the errors of the measurements
     state: State
-    #: (g,) of the coefficients there, and the logarithm of the prior of the scalars
-    weights: np.ndarray
-    log_prior: float
 
 
 class Guide(NamedTuple):
@@ -82,24 +80,29 @@ class Chain:
         self.x = np.ascontiguousarray(
             start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
         )
-        self.place = self._placed(
-            problem.unknowns.nodes[problem.start].astype(float),
-            0.0,
-            problem.state or self.noise.start,
-        )
+        #: (k,) position on the grid, logarithm of the common factor, nuisances: those unknown
+        self.state = problem.state or self.noise.start
+        unknowns = problem.unknowns
+        self.scalars = np.concatenate(
+            [
+                unknowns.nodes[problem.start],
+                np.zeros(int(unknowns.factor is not None)),
+                self.state.nuisances,
+            ]
+        ).astype(float)
         # whether no barrier lies above the last energy, so that the integral of the density is 1
         self.complete = False
         #: (sweeps, n) of the process, and places
         self.processes: list[np.ndarray] = []
         self.places: list[ChainPosition] = []
-        nothing = np.zeros((0, start.size))
-        self.guide = guide or Guide(nothing, nothing)
-        self._last: Any = None, None, None
-        # what kernels.moved knows of the present place; nan at last: nothing
-        self._known = np.full(start.size + 1, np.nan)
-        every = np.arange(len(problem.prior.combinations))
-        logs = self._log_priors(self.x, every)
-        self.choice = int(np.argmax(logs + rng.gumbel(size=logs.size)))
+        nothing = np.zeros((0, start.size)), np.zeros((0, self.scalars.size))
+        self.guide = guide or Guide(*nothing)
+        self._rows: Any = None
+        logs = [
+            kernels.log_prior(self.x, LEVEL, *one)
+            for one in zip(*problem.prior.precisions, strict=True)
+        ]
+        self.choice = int(np.argmax(logs + rng.gumbel(size=len(logs))))
 
     def run(self, sweeps: int) -> None:
         """Make and keep more sweeps."""
@@ -120,18 +123,25 @@ class Chain:
 
     def step(self) -> None:
         """One sweep over all unknowns."""
-        for _ in range(PASSES):
+        for last in range(PASSES):
             self._drawn_density()
             self._drawn_complete()
             self._drawn_choice()
-            if self._widths.size:
+            if self.scalars.size:
                 self._exchanged()
-                for _ in range(MOVED if not self._common.all() else 1):
-                    self._moved_scalars()
-        if self._widths.size:
-            self._completed()
+                self._moved_scalars(last == PASSES - 1)
         if not self.noise.fixed:
             self._drawn_errors()
+
+    @property
+    def place(self) -> ChainPosition:
+        """Where the chain is."""
+        unknowns, scalars = self.problem.unknowns, self.scalars.copy()
+        position, rest = np.split(scalars, [len(unknowns.axes)])
+        known = unknowns.factor is None
+        log_factor, nuisances = np.split(rest, [0 if known else 1])
+        state = replace(self.state, nuisances=nuisances)
+        return ChainPosition(scalars, position, float(log_factor.sum()), state)
 
     # -- the misfit ---------------------------------------------------------------------------------------------------
 
@@ -148,50 +158,43 @@ class Chain:
             axes = algebra.row_axes(mean_square, NEGLIGIBLE**2).T
         return np.ascontiguousarray(axes), algebra.product(matrices, axes)
 
-    def _rows(
-        self, place: ChainPosition, mass: float | None
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Matrix (n, r) and target (r,) of the misfit, and the part of χ² that does not depend on the density.
-
-        With a ``mass`` they have one row more, for the integral of the density to be about that.
-        """
-        if self._last[0] is not place or self._last[1] != mass:
-            self._last = place, mass, self._made_rows(place, mass)
-            self._known[-1] = np.nan
-        return self._last[2]
-
-    def _made_rows(
-        self, place: ChainPosition, mass: float | None
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        problem, noise, state = self.problem, self.noise, place.state
-        matrix, target, rest = kernels.reduced(
-            place.weights,
+    @cached_property
+    def _measured(self) -> tuple[np.ndarray, ...]:
+        """The model at any scalars, as of :func:`chemage_inference.kernels.reduced`."""
+        problem, noise = self.problem, self.noise
+        unknowns, size = problem.unknowns, problem.values.size
+        rises, adds = np.zeros((2, size, self.scalars.size))
+        rises[:, len(unknowns.axes) :] = 1.0
+        first = self.scalars.size - noise.widths.size
+        rises[:, first:] = noise.columns * noise.multiplies
+        adds[:, first:] = noise.columns * ~noise.multiplies
+        return (
+            *unknowns.polynomials,
             *self._rotated,
             problem.offsets,
-            problem.values - noise.added(state),
-            np.exp(place.log_factor) * noise.factor(state),
-            noise.errors(state),
-            noise.correlation(state),
+            rises,
+            adds,
         )
-        if mass is not None:
-            row = self.problem.areas[:, None] / COMPLETE
-            matrix = np.concatenate([matrix, row], axis=1)
-            target = np.append(target, mass / COMPLETE)
-        return np.ascontiguousarray(matrix), target, rest
+
+    @property
+    def _data(self) -> tuple[np.ndarray, ...]:
+        """Values, their errors, and correlations."""
+        noise = self.noise
+        errors, near = noise.errors(self.state), noise.correlation(self.state)
+        return self.problem.values, errors, near
+
+    def _model(self, complete: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrix (n, r + 1) and target (r + 1,) of the misfit, the last for the integral of a complete density; and
+        areas."""
+        if self._rows is None:
+            made = kernels.reduced(self.scalars, self._measured, *self._data)
+            self._rows = made[:2]
+        model = *self._rows, self.problem.areas
+        kernels.weighed(*model, 1.0 if complete else np.nan)
+        return model
 
     def _mass(self, x: np.ndarray) -> float:
         return float(algebra.product(np.maximum(x, 0.0), self.problem.areas))
-
-    def _fitted(self, x: np.ndarray, place: ChainPosition) -> np.ndarray:
-        """(m,) true values of the model."""
-        matrix, offset = self.problem.at(place.weights)
-        values = offset + algebra.product(matrix, np.maximum(x, 0.0))
-        return np.exp(place.log_factor) * values
-
-    @property
-    def _integral(self) -> float | None:
-        """That of a complete density."""
-        return 1.0 if self.complete else None
 
     @property
     def _limit(self) -> float:
@@ -235,9 +238,8 @@ class Chain:
 
     def _drawn_density(self) -> None:
         """Draw the process anew along twice as many lines as it has nodes."""
-        self._known[-1] = np.nan
         problem = self.problem
-        matrix, target, _ = self._rows(self.place, self._integral)
+        matrix, target, areas = self._model(self.complete)
         directions = self._directions(2 * self.x.size)
         inverse = problem.prior.precisions[0][self.choice]
         kernels.sweep(
@@ -245,7 +247,7 @@ class Chain:
             algebra.product(inverse, self.x - LEVEL),
             matrix,
             target,
-            problem.areas,
+            areas,
             self._limit,
             directions,
             algebra.products(directions, inverse),
@@ -268,222 +270,138 @@ class Chain:
         near = (blocks // 2 == blocks[self.choice] // 2).all(axis=1)
         near[self.choice] = False
         choices = np.append(self.choice, np.flatnonzero(near))
-        rows = [self._rows(self.place, self._integral)]
-        gumbels = self.rng.gumbel(size=choices.size)
-        chosen = self._adapted(choices, rows, [self._limit], gumbels)
-        self.choice = int(choices[chosen])
-
-    def _adapted(
-        self,
-        choices: np.ndarray,
-        rows: list[tuple[np.ndarray, np.ndarray, float]],
-        limits: list[float],
-        gumbels: np.ndarray,
-    ) -> int:
-        """Which of the choices and models is drawn, with a density that adapts to it."""
-        matrices, targets, _ = zip(*rows, strict=True)
-        return kernels.moved(
+        chosen = kernels.choice_drawn(
             self.x,
             choices,
             LEVEL,
             *self.problem.prior.precisions,
-            np.stack(matrices),
-            np.stack(targets),
-            self.problem.areas,
-            np.array(limits),
-            gumbels,
-            self._known,
+            self._model(self.complete),
+            self._limit,
+            self.rng.gumbel(size=choices.size),
         )
+        self.choice = int(choices[chosen])
 
     # -- errors -------------------------------------------------------------------------------------------------------
 
     def _drawn_errors(self) -> None:
         """Draw the errors at fixed density and nuisances."""
-        fitted = self._fitted(self.x, self.place)
-        state = self.noise.drawn(
-            self.place.state, self.problem.values, fitted, self.rng
+        place = self.place
+        weights = self.problem.unknowns.weights(place.position[None])[0]
+        matrix, offset = self.problem.at(weights)
+        values = offset + algebra.product(matrix, np.maximum(self.x, 0.0))
+        fitted = np.exp(place.log_factor) * values
+        self.state = self.noise.drawn(
+            place.state, self.problem.values, fitted, self.rng
         )
-        self.place = self.place._replace(state=state)
+        self._rows = None
 
     # -- unknown scalars ----------------------------------------------------------------------------------------------
 
-    def scalars(self, place: ChainPosition) -> np.ndarray:
-        """(k,) position on the grid, logarithm of the common factor, nuisances: those unknown."""
-        known = self.problem.unknowns.factor is None
-        factor = () if known else (place.log_factor,)
-        return np.concatenate([place.position, factor, place.state.nuisances])
-
-    def _placed(
-        self, position: np.ndarray, log_factor: float, state: State
-    ) -> ChainPosition:
-        unknowns = self.problem.unknowns
-        low, high = unknowns.factor or (0.0, 0.0)
-        log_prior = unknowns.log_prior(position)
-        if not low <= log_factor <= high or not np.isfinite(log_prior):
-            return ChainPosition(position, log_factor, state, np.zeros(0), -np.inf)
-        away = state.nuisances / self.noise.widths
-        log_prior -= 0.5 * float(away @ away)
-        weights = unknowns.weights(position[None])[0]
-        return ChainPosition(position, log_factor, state, weights, log_prior)
-
-    def _at(self, scalars: np.ndarray) -> ChainPosition:
-        """The place with other ``scalars`` (k,)."""
-        size, state = self.place.position.size, self.place.state
-        position, rest, log_factor = scalars[:size], scalars[size:], 0.0
-        if self.problem.unknowns.factor is not None:
-            log_factor, rest = float(rest[0]), rest[1:]
-        if rest.size:
-            state = replace(state, nuisances=rest)
-        return self._placed(position, log_factor, state)
+    @cached_property
+    def _priors(self) -> np.ndarray:
+        """(k, 4) of the scalars: lower and upper bound, mean, standard deviation."""
+        far = np.inf
+        nuisances = [(-far, far, 0.0, width) for width in self.noise.widths]
+        both = self.problem.unknowns.priors, np.reshape(nuisances, (-1, 4))
+        return np.concatenate(both)
 
     @cached_property
     def _widths(self) -> np.ndarray:
         """(k,) about the standard deviations of the scalars in their prior."""
-        unknowns = self.problem.unknowns
-        spans = [axis.size - 1.0 for axis in unknowns.axes.values()]
-        if unknowns.factor is not None:
-            spans.append(unknowns.factor[1] - unknowns.factor[0])
-        return np.append(0.3 * np.array(spans), self.noise.widths)
+        low, high, _, width = self._priors.T
+        return np.minimum(0.3 * (high - low), width)
 
     @cached_property
     def _common(self) -> np.ndarray:
-        """(k,) 1 for the scalars whose sum with one number is a common factor of all values: ⟨f⟩, or calibrations."""
+        """(k,) which scalars, all changed alike, are a common factor of all values: ⟨f⟩, or calibrations."""
         unknowns, nuisances = self.problem.unknowns, self.noise.nuisances
         known = unknowns.factor is None
         shared = [known and name == "calibration" for name, _ in nuisances]
         before = [False] * len(unknowns.axes) + [True] * (not known)
-        return np.array([*before, *shared], dtype=float)
+        return np.array([*before, *shared], dtype=bool)
 
     @cached_property
     def _scaling(self) -> np.ndarray:
         """(k,) changes of the scalars by which all values rise by a factor e: of common factors, or else of the load."""
-        direction, axes = self._common.copy(), self.problem.unknowns.axes
+        direction, axes = self._common.astype(float), self.problem.unknowns.axes
         if LOAD in axes and not direction.any():  # the last axis
             last = axes[LOAD].size - 1
-            sums = self.problem.matrices.sum(axis=(1, 2)).reshape(-1, last + 1)
-            rise = np.log(sums[:, last].sum() / sums[:, 0].sum())
+            ends = np.tile(self.problem.unknowns.nodes.mean(axis=0), (2, 1))
+            ends[:, -1] = 0, last
+            weights = self.problem.unknowns.weights(ends)
+            sums = algebra.product(weights, self.problem.matrices.sum(axis=(1, 2)))
+            rise = np.log(sums[1] / sums[0])
             direction[len(axes) - 1] = last / rise
         return direction
 
-    @cached_property
-    def _rises(self) -> np.ndarray:
-        """(k,) by how much the logarithms of all values rise on average with each scalar, those on the grid left out."""
-        noise, unknowns = self.noise, self.problem.unknowns
-        shared = noise.columns.mean(axis=0) * noise.multiplies
-        before = [0.0] * len(unknowns.axes) + [1.0] * (unknowns.factor is not None)
-        return np.array([*before, *shared])
-
     def _exchanged(self) -> None:
         """Draw a common factor with the density, whose integral stays, where values are proportional to it."""
-        problem, scalars = self.problem, self.scalars(self.place)
-        common = np.flatnonzero(self._common)
+        problem, common = self.problem, self._common
         # what neighbours add is not, but for rounding
-        if not common.size or np.abs(problem.offsets).max() > 1e-9:
+        if not common.any() or np.abs(problem.offsets).max() > 1e-9:
             return
-        matrix, target, _ = self._rows(self.place, self._integral)
-        count = target.size - self.complete
-        directions = self._directions(self.x.size // 3)
+        matrix, target, areas = self._model(False)
+        directions = self._directions(self.x.size // 2)
         inverse = problem.prior.precisions[0][self.choice]
-        widths, bounds = self._widths[common], problem.unknowns.factor
-        rise = kernels.exchanged(
+        self.scalars[common] += kernels.exchanged(
             self.x,
             LEVEL,
             algebra.product(inverse, self.x),
-            np.ascontiguousarray(matrix[:, :count]),
-            target[:count].copy(),
-            problem.areas,
+            matrix,
+            target,
+            areas,
             directions,
             algebra.products(directions, inverse),
-            scalars[common],
-            np.full(1, np.inf) if bounds else widths,
-            np.array(bounds or (-np.inf, np.inf)),
+            self.scalars[common],
+            self._priors[common],
             self.rng.random((len(directions), TRIES)),
         )
-        self.place = self._at(scalars + rise * self._common)
-        self._known[-1] = np.nan
+        self._rows = None
 
-    def _step(self) -> np.ndarray:
-        """(k,) by which scalars move: a difference of earlier values or as far as the prior is wide, all or one."""
-        rng, size, count = self.rng, self._widths.size, len(self.guide.scalars)
-        kind = rng.random() if count else 1.0
-        step = self._widths * rng.standard_normal(size)
-        if kind < 0.75:
-            one, other = self.guide.scalars[rng.integers(count, size=2)]
-            step = (one - other)[:size]
-        if kind > 0.4:
-            step *= np.arange(size) == rng.integers(size)
-        return step * (STEPS[rng.integers(len(STEPS))] + LONGER * (count > 0))
+    def _steps(self, count: int) -> np.ndarray:
+        """(count, k) by which scalars move: a difference of earlier values or as far as the prior is wide, all or
+        one."""
+        rng, size, archive = self.rng, self.scalars.size, self.guide.scalars
+        steps, longer = self._widths * rng.standard_normal((count, size)), 0.0
+        kind = np.ones(count)
+        if len(archive):
+            kind, longer = rng.random(count), LONGER
+            pairs = archive[rng.integers(len(archive), size=(2, count))]
+            earlier = kind < 0.75
+            steps[earlier] = np.subtract(*pairs)[earlier]
+        one = np.arange(size) == rng.integers(size, size=(count, 1))
+        steps *= one | (kind <= 0.4)[:, None]
+        return steps * (rng.choice(STEPS, size=(count, 1)) + longer)
 
-    def _moved_scalars(self) -> None:
-        """Move the scalars, or stay, with a density that adapts to them."""
-        place = self._at(self.scalars(self.place) + self._step())
-        self._tried(place, 0.0, (self._integral, self._integral))
-
-    def _completed(self) -> None:
-        """Complete the density with a smaller common factor, or open it with a larger one, at about equal values.
-
-        An open density is scaled to one whose integral is about 1; the probability with which that leads back is a
-        further row of the open model.
-        """
-        rng, direction = self.rng, self._scaling
-        if not direction.any():
-            return
-        there = direction != 0
-        width = float(np.mean(self._widths[there] / direction[there]))
-        if self.complete:
-            step = width * abs(rng.standard_normal())
-            integral = np.exp(-step)
-        else:
-            integral = self._mass(self.x) + COMPLETE * rng.standard_normal()
-            step = -np.log(max(integral, 1e-300))
-        if step < 0:
-            return
-        gain = (
-            step
-            + np.log(4 / (width * np.sqrt(2 * np.pi)))
-            - 0.5 * (step / width) ** 2
+    def _moved_scalars(self, flips: bool) -> None:
+        """Move the scalars, or stay, with a density that adapts to them; with ``flips`` one move opens or completes the
+        density."""
+        problem, rng, direction = self.problem, self.rng, self._scaling
+        steps = self._steps(1 if self._common.all() else MOVED)
+        ways = np.full((len(steps), 2), np.nan)
+        if flips and direction.any():
+            there = direction != 0
+            width = float(np.mean(self._widths[there] / direction[there]))
+            steps = np.concatenate([steps, direction[None]])
+            ways = np.concatenate([ways, [[width, rng.standard_normal()]]])
+        state = np.array([self.choice, self.complete])
+        kernels.scalars_moved(
+            self.x,
+            self.scalars,
+            state,
+            LEVEL,
+            *problem.prior.precisions,
+            (STRENGTHS.size, float(np.log(STRENGTHS[1] / STRENGTHS[0]))),
+            problem.areas,
+            self._measured,
+            self._data,
+            self._priors,
+            steps,
+            ways,
+            rng.random((len(steps), 3)),
         )
-        sign = 1.0 if self.complete else -1.0
-        integrals = (1.0, integral) if self.complete else (integral, 1.0)
-        place = self._at(self.scalars(self.place) + sign * step * direction)
-        self._tried(place, -sign * gain, integrals)
-
-    def _tried(
-        self,
-        place: ChainPosition,
-        gain: float,
-        integrals: tuple[float | None, float | None],
-    ) -> None:
-        """Move to ``place``, or stay, with a density that adapts; ``gain`` is that of the proposal, logarithmic.
-
-        Different ``integrals`` mean that a density is completed or opened. In half of the moves the strength of the
-        prior falls as the common factor rises.
-        """
-        gain += place.log_prior - self.place.log_prior
-        if not np.isfinite(gain):
-            return
-        flips = integrals[0] != integrals[1]
-        limits = [self._limit, 1.0 + LIMIT - self._limit if flips else self._limit]
-        rows = [
-            self._rows(self.place, integrals[0]),
-            self._made_rows(place, integrals[1]),
-        ]
-        gain += 0.5 * (rows[0][2] - rows[1][2]) - np.log(self.rng.random())
-        rise = self._rises @ (self.scalars(place) - self.scalars(self.place))
-        fall = rise / np.log(STRENGTHS[1] / STRENGTHS[0]) * self.rng.integers(2)
-        strength = self.choice % STRENGTHS.size
-        strength -= int(np.floor(fall + self.rng.random()))
-        if not 0 <= strength < STRENGTHS.size:
-            return
-        other = self.choice - self.choice % STRENGTHS.size + strength
-        choices, gumbels = np.array([self.choice, other]), np.array([0.0, gain])
-        if self._adapted(choices, rows, limits, gumbels):
-            self.place, self.complete = place, self.complete != flips
-            self.choice = other
-            self._last = place, integrals[1], rows[1]
-
-    def _log_priors(self, x: np.ndarray, choices: np.ndarray) -> np.ndarray:
-        return kernels.log_priors(x, LEVEL, choices, *self.problem.prior.precisions)
+        self.choice, self.complete = int(state[0]), bool(state[1])
+        self._rows = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -588,7 +506,7 @@ def sample(
         warm(chains, min(WARM, sweeps), workers)
     for chain in chains:
         chain.forget()
-    done, more = 0, min(2 * each, max(sweeps, each))
+    done, more = 0, min(each + each // 2, max(sweeps, each))
     while True:
         if progress:
             progress(done, sweeps)
@@ -597,7 +515,7 @@ def sample(
         densities = np.stack([chain.densities for chain in chains])
         seen = densities[:, :, watched] if watched.any() else densities
         found = [(*convergence(seen), AGREED)]
-        for of, end in (_errors, AGREED), (Chain.scalars, SCALARS_AGREED):
+        for of, end in (_errors, AGREED), (_scalars, SCALARS_AGREED):
             values = np.array(
                 [[of(chain, at) for at in chain.places] for chain in chains]
             )
@@ -612,7 +530,8 @@ def sample(
         agreed = all(off <= end for _, off, end in found)
         if (effective >= ENOUGH and agreed) or done >= sweeps:
             break
-        more = min(done // 4, sweeps - done)
+        learn(chains)
+        more = min(-(-done // 8), sweeps - done)
     if progress:
         progress(sweeps, sweeps)
     kept = np.linspace(0, done - 1, each).round().astype(int)
@@ -634,15 +553,24 @@ def warm(chains: Sequence[Chain], sweeps: int, workers: int = 1) -> None:
     """Let chains forget where they began, and learn from each other how to move unless they are guided."""
     for _ in range(STAGES):
         run(chains, sweeps // STAGES, workers)
-        half = len(chains[0].places) // 2
-        places = [place for chain in chains for place in chain.places[half:]]
-        processes = np.concatenate([chain.processes[half:] for chain in chains])
-        guide = Guide(
-            processes[:: max(len(processes) // ARCHIVE, 1)],
-            np.array([chains[0].scalars(place) for place in places]),
-        )
-        for chain in chains:
-            chain.guide = guide
+        learn(chains)
+
+
+def learn(chains: Sequence[Chain]) -> None:
+    """Let chains move by differences between the later half of what all have made."""
+    half = len(chains[0].places) // 2
+    places = [place for chain in chains for place in chain.places[half:]]
+    processes = np.concatenate([chain.processes[half:] for chain in chains])
+    guide = Guide(
+        processes[:: max(len(processes) // ARCHIVE, 1)],
+        np.array([place.scalars for place in places]),
+    )
+    for chain in chains:
+        chain.guide = guide
+
+
+def _scalars(chain: Chain, place: ChainPosition) -> np.ndarray:
+    return place.scalars
 
 
 def _errors(chain: Chain, place: ChainPosition) -> np.ndarray:

@@ -16,13 +16,15 @@ from chemage_inference import wording as words
 from chemage_inference.energies import EnergyGrid, bonded_probability, energy_grid
 from chemage_inference.forward import check_scene, largest_lowering, make_condition
 from chemage_inference.kernels import (
+    adapted,
     at_log_tail,
+    choice_drawn,
     drawn,
     edge_integral,
     log_misfit,
-    log_priors,
+    log_prior,
     log_tail,
-    moved,
+    normal_equations,
     piece,
     scaled_erfc,
     solved,
@@ -166,7 +168,6 @@ def test_what_cannot_be_inverted_is_refused_before_anything_is_computed():
 # -- sampling: exact along lines, the same with the same seed, honest of its own convergence; and barriers outside of -
 
 
-KNOWN = np.full(13, np.nan)
 NODES = 0.7 + 0.02 * np.arange(12)
 GRID, FIRST = EnergyGrid(0.6, 0.02, 50), 15
 
@@ -211,10 +212,10 @@ def test_the_kernels_of_the_choice_agree_with_numpy():
     prior = Prior(NODES)
     rng = np.random.default_rng(2)
     x = LEVEL + rng.standard_normal(12)
-    every = np.arange(len(prior.combinations))
-    away, covariances = x - LEVEL, [prior.covariance(choice) for choice in range(every.size)]
+    away, covariances = x - LEVEL, [prior.covariance(choice) for choice in range(len(prior.combinations))]
     logs = [-0.5 * np.linalg.slogdet(c)[1] - 0.5 * away @ np.linalg.solve(c, away) for c in covariances]
-    assert log_priors(x, LEVEL, every, *prior.precisions) == pytest.approx(logs, rel=1e-6)
+    found = [log_prior(x, LEVEL, *one) for one in zip(*prior.precisions, strict=True)]
+    assert found == pytest.approx(logs, rel=1e-6)
     factor = np.linalg.cholesky(np.cov(rng.standard_normal((12, 40))))
     goals = rng.standard_normal((3, 12))
     assert solved(factor, goals) == pytest.approx(np.linalg.solve(factor.T, goals.T).T)
@@ -235,14 +236,15 @@ def test_tails_are_those_of_the_normal_distribution_and_are_inverted():
     assert at_log_tail(0.0) == -38.0
 
 
-def choices_drawn(made, draws=4000):
-    """Choices that are drawn again and again, with a density that is drawn by lines between."""
-    chain = Chain(made, np.ones(made.areas.size), np.random.default_rng(3))
+def choices_drawn(made, draws=6000):
+    """Choices that four chains draw again and again, with a density that is drawn by lines between."""
     found, signs = [], []
-    for _ in range(draws):
-        chain.step()
-        found.append(chain.choice)
-        signs.append(chain.x > 0)
+    for seed in range(4):
+        chain = Chain(made, np.ones(made.areas.size), np.random.default_rng(seed))
+        for _ in range(draws):
+            chain.step()
+            found.append(chain.choice)
+            signs.append(chain.x > 0)
     return np.array(found), np.array(signs)
 
 
@@ -254,14 +256,14 @@ def test_a_choice_that_is_the_only_candidate_changes_nothing():
         chain.step()
     x, before = chain.x.copy(), chain.x.copy()
     matrix, target = np.ascontiguousarray(made.matrices[0].T / made.errors), made.values / made.errors
-    rest = (LEVEL, *prior.precisions, matrix[None], target[None], made.areas, np.array([100.0]))
-    assert moved(x, np.array([7]), *rest, np.zeros(1), KNOWN.copy()) == 0
+    rest = (LEVEL, *prior.precisions, (matrix, target, made.areas), 100.0)
+    assert choice_drawn(x, np.array([7]), *rest, np.zeros(1)) == 0
     assert np.array_equal(x, before)
     # there and back again is where it was, and no sign has changed
-    assert moved(x, np.array([7, 90]), *rest, np.array([0, 1e6]), KNOWN.copy()) == 1
+    assert choice_drawn(x, np.array([7, 90]), *rest, np.array([0, 1e6])) == 1
     assert np.array_equal(x > 0, before > 0)
     assert not np.allclose(x, before, rtol=1e-3)
-    assert moved(x, np.array([90, 7]), *rest, np.array([0, 1e6]), KNOWN.copy()) == 1
+    assert choice_drawn(x, np.array([90, 7]), *rest, np.array([0, 1e6])) == 1
     assert x == pytest.approx(before, rel=1e-6)
 
 
@@ -284,8 +286,8 @@ def test_combinations_that_tell_nothing_are_left_out_of_the_lines_only():
     made = problem(values=(2.0, 2.0, 1.0), errors=(0.2, 0.2, 0.1))
     made.matrices[0, 1] = made.matrices[0, 0]
     chain = Chain(made, np.ones(12), np.random.default_rng(0))
-    matrix, target, _ = chain._rows(chain.place, None)
-    assert matrix.shape == (12, 2)
+    matrix, target, _ = chain._model(False)
+    assert np.flatnonzero(matrix.any(axis=0)).tolist() == [0, 1]
     x, other = np.linspace(0.1, 2.0, 12), np.linspace(2.0, 0.5, 12)
 
     def full(x):
@@ -326,19 +328,25 @@ def test_the_same_seed_gives_the_same_samples_and_none_has_an_integral_above_one
     assert (first >= 0).all()
 
 
-@pytest.mark.long
 def test_a_model_that_is_the_only_other_one_is_left_again():
     """Another matrix: there and back again is where it was, with the same signs."""
     prior, made = Prior(NODES), problem()
     matrix, target = made.matrices[0].T / made.errors, made.values / made.errors
     x = np.linspace(-1.0, 2.0, 12)
     x[3] = 0.7
-    before = x.copy()
-    ends = np.stack([matrix, 1.2 * matrix])
-    for models in (ends, ends[::-1]):
-        rest = (models.copy(), np.stack([target, target]), made.areas, np.full(2, 100.0))
-        assert moved(x, np.array([7, 7]), LEVEL, *prior.precisions, *rest, np.array([0, 1e6]), KNOWN.copy()) == 1
-        assert np.array_equal(x > 0, before > 0)
+    before, shares = x.copy(), np.empty(12)
+
+    def log(factor, known):
+        model = np.ascontiguousarray(factor * matrix), target, made.areas
+        equations = normal_equations(x, LEVEL, *model[:2])
+        inverse, log = (each[7] for each in prior.precisions)
+        return adapted(x, shares, known, LEVEL, inverse, log, equations, model, 100.0)
+
+    first, there = log(1.0, False), log(1.2, True)
+    assert not np.allclose(x, before, rtol=1e-3)
+    assert np.array_equal(x > 0, before > 0)
+    assert log(1.2, False) == pytest.approx(there, rel=1e-6)
+    assert log(1.0, True) == pytest.approx(first, rel=1e-6)
     assert x == pytest.approx(before, rel=1e-4)
 
 
