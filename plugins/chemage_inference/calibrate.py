@@ -164,27 +164,27 @@ def calibrate(
     )
 
 
-def _truths(model: Model, count: int, seed: int) -> np.ndarray:
-    """(count, n) densities of the prior on the wide energies: a chain without measurements."""
+def densities_of_prior(
+    model: Model, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """(count, n) densities of the prior: a chain without measurements."""
     grid, size = model.grid, model.values.size
-    matrix = model.without_neighbours(0)[None]
-    problem = Problem(
-        Prior(grid.nodes),
-        grid.areas,
-        np.zeros(size),
-        fixed(np.full(size, 1e12)),
-        matrix,
-        np.zeros((1, size)),
-    )
-    chain = Chain(
-        problem,
-        np.full(grid.count, 0.3 / grid.areas.sum()),
-        np.random.default_rng([seed, 151]),
-    )
+    matrix = model.without_neighbours(model.middle)[None]
+    known = fixed(np.full(size, 1e12))
+    nothing = np.zeros(size), known, matrix, np.zeros((1, size))
+    problem = Problem(Prior(grid.nodes), grid.areas, *nothing)
+    chain = Chain(problem, np.full(grid.count, 0.3 / grid.areas.sum()), rng)
     warm([chain], 800)
     chain.forget()
     chain.run(count * APART)
-    densities = np.array(chain.densities[APART - 1 :: APART])
+    return chain.densities[APART - 1 :: APART]
+
+
+def _truths(model: Model, count: int, seed: int) -> np.ndarray:
+    """(count, n) densities of the prior on the wide energies."""
+    grid = model.grid
+    rng = np.random.default_rng([seed, 151])
+    densities = densities_of_prior(model, count, rng)
     wide = grid.wider(*REACH)
     more = wide.place(grid)
     return redrawn_outside(

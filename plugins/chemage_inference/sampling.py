@@ -24,7 +24,7 @@ from chemage_inference.open import r_hat
 from chemage_inference.problem import LEVEL, LOAD, STRENGTHS, Problem, values_of
 
 #: chains; sweeps of each before samples are kept, in stages after each of which all chains learn from all
-CHAINS, WARM, STAGES = 4, 120, 4
+CHAINS, WARM, STAGES = 4, 80, 4
 #: effective samples and R-hat at which sampling ends, and the most sweeps of a chain for it
 ENOUGH, AGREED, MOST_SWEEPS = 250, 1.03, 4000
 #: R-hat of unknown scalars at which sampling ends
