@@ -80,9 +80,10 @@ class Chain:
         self.x = np.ascontiguousarray(
             start * min(1.0, 0.999 / max(self._mass(start), 1e-12))
         )
-        #: (k,) position on the grid, logarithm of the common factor, nuisances: those unknown
+        #: the errors; their nuisances are those of the scalars
         self.state = problem.state or self.noise.start
         unknowns = problem.unknowns
+        #: (k,) position on the grid, logarithm of the common factor, nuisances: those unknown
         self.scalars = np.concatenate(
             [
                 unknowns.nodes[problem.start],
