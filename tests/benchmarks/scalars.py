@@ -90,7 +90,7 @@ def ranks(names: list[str], cases: int, first: int) -> None:
     scene = ca.parse_scene(ca.plugin.override(SCENE, changes | {"chemistry.site_density": "78.4 nm**-2"})).completed()
     chemistry, curves = check_scene(scene), tuple(measured(1))
     unknowns, found = unknowns_of(given["unknown"], chemistry, load), {}
-    sampling.CHAINS, sampling.WARM = 2, 80
+    sampling.CHAINS = 2
     with scene.in_use():
         model = make_model(
             scene, chemistry, unknowns, curves, 0, None, ErrorModel.of(("scaled", "robust"), **nuisances)
@@ -118,7 +118,7 @@ def ranks(names: list[str], cases: int, first: int) -> None:
             noisy, state = _errors(model.noise, fitted, rng)
             problem = replace(shared, values=noisy, state=State(state.scales, state.inflation, model.state.nuisances))
             samples = sampling.sample(
-                problem, density, samples=200, seed=number, watched=model.seen(), sweeps=200, threads=1
+                problem, density, samples=200, seed=number, watched=model.seen(), sweeps=1500, threads=1
             )
             true = {**values, "load": over, "bond_force": np.exp(log)}
             drawn = unknowns.values(samples.positions)
