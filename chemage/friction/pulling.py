@@ -234,6 +234,21 @@ class PullHistory(Followed):
             **{name: getattr(self, name) for name in names},
         )
 
+    @classmethod
+    def of_parts(cls, parts: Sequence[Self]) -> Self:
+        """See :meth:`Followed.of_parts`; the peak is that of all."""
+        highest = max(parts, key=lambda one: one.peak)
+        peak = ("peak", "peak_displacement", "peak_time")
+        return (
+            super()
+            .of_parts(parts)
+            .model_copy(update={name: getattr(highest, name) for name in peak})
+        )
+
+    def raised(self, change: np.ndarray) -> Self:
+        """See :meth:`Followed.raised`; those of partners that sites have met are higher as well."""
+        return self.model_copy(update={"forming": self.forming + change})
+
     def without(self, lost: np.ndarray) -> Self:
         """See :meth:`Followed.without`; the energy of these bonds is dissipated, and where no spring pulls, the force
         falls by theirs."""
@@ -382,7 +397,8 @@ class Pulling(Component, ABC):
         n = lattice.sites.size
         if lattice.states is not None:
             raise InputError(
-                f"lattice: a pull follows sites that are free or bonded, but these are {', '.join(lattice.states)}"
+                f"lattice: a pull follows sites that are free or bonded, but these are {', '.join(lattice.states)}; hold "
+                "without a drive, or leave out the transitions"
             )
         if lattice.breaking is None:
             raise InputError(
@@ -404,7 +420,7 @@ class Pulling(Component, ABC):
             if ramp is None:
                 pulled = self._run(lattice, drive, moments, kelvin, *rest)
             else:
-                ramp = ramp.checked(lattice, kelvin)
+                ramp = ramp.checked(lattice, kelvin, drive.speed)
                 pulled = self._follow_ramp(
                     lattice, drive, moments, kelvin, ramp, *rest
                 )

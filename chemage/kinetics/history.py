@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
 
-from chemage.foundation.checks import check_times, checked_states
+from chemage.foundation.checks import (
+    check_times,
+    checked_states,
+    temperature_value,
+)
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
@@ -88,16 +92,41 @@ class Followed(Observing, Record):
             return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
         return ""
 
+    @classmethod
+    def curves(cls) -> list[str]:
+        """The arrays with a value at each time."""
+        along = cls.arrays[cls.of_times][0]
+        return [name for name, (dims, _, _) in cls.arrays.items() if dims == along]
+
     def handed_on(self, **changes: Any) -> Self:
         """The state of the contact at the end, from which something else begins: without what is pending."""
-        dimension = self.arrays[self.of_times][0][0]
         last: dict[str, Any] = {
-            name: None if name == "states" else getattr(self, name)[-1:]
-            for name, (dims, _, _) in self.arrays.items()
-            if dims[0] == dimension
+            name: getattr(self, name)[-1:] for name in self.curves()
         }
         last |= {"resume": counters_of(self.resume), "observables": {}}
+        if "states" in self.arrays:
+            last["states"] = None
         return self.model_copy(update={**last, "outputs": {}, **changes})
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[Self]) -> Self:
+        """The history of what was followed in ``parts``, the last time of each of which is none of the whole; without
+        what is pending."""
+        last, along = parts[-1], list(cls.arrays[cls.of_times][0])
+        whole: dict[str, Any] = {
+            name: np.concatenate([getattr(one, name)[:-1] for one in parts])
+            for name in cls.curves()
+        }
+        whole["observables"] = dict(last.observables) | {
+            name: np.concatenate([one.observables[name][:-1] for one in parts])
+            for name, output in last.outputs.items()
+            if output["dims"][:1] == along
+        }
+        return last.model_copy(update={**whole, "resume": counters_of(last.resume)})
+
+    def raised(self, change: np.ndarray) -> Self:
+        """The same where the forming barriers of the lattice are higher by ``change``, (n,) eV."""
+        return self
 
     def without(self, lost: np.ndarray) -> Self:
         """The state at the end without the bonds of the sites ``lost``, (n,) bool, which count as broken."""
@@ -112,8 +141,8 @@ class Followed(Observing, Record):
         self, lattice: Any, temperature: float, start: Any = None, **arguments: Any
     ) -> str:
         """How it contradicts a run on ``lattice`` with these arguments, in words; "" if it does not."""
-        if (ramp := arguments.get("ramp")) is not None:
-            temperature = ramp.checked(lattice, temperature).temperature
+        to = getattr(arguments.get("ramp"), "temperature", None)
+        temperature = temperature if to is None else temperature_value(to)
         ours, times = getattr(self, self.of_times), arguments[self.of_times]
         if not np.array_equal(ours, times):
             return f"its {self.of_times} are {_few(ours)} s, and not those of the run, {_few(times)} s"

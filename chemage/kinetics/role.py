@@ -39,15 +39,29 @@ class Ramp:
     """K, or text with its unit; None: as at the beginning"""
     lattice: ReactionLattice | None = None
     """the same sites with other barriers; None: as at the beginning"""
+    speed: float | None = None
+    """nm/s, of the drive that pulls; None: as at the beginning"""
 
-    def checked(self, lattice: ReactionLattice, temperature: float) -> Ramp:
-        """The ramp with temperature (K) and lattice, for a run on ``lattice``.
+    def checked(
+        self,
+        lattice: ReactionLattice,
+        temperature: float,
+        speed: float | None = None,
+    ) -> Ramp:
+        """The ramp with temperature (K), lattice and speed, for a run on ``lattice`` that begins with a drive of this
+        ``speed`` (nm/s), or none.
 
         Raises
         ------
         InputError
-            Its lattice has other sites or couplings, or bonds that last on one of the two alone.
+            Its lattice has other sites or couplings, or bonds that last on one of the two alone; its speed is negative,
+            or nothing pulls.
         """
+        if self.speed is not None:
+            if speed is None or not 0 <= self.speed < np.inf:
+                problem = "give one from 0 nm/s on, and to a pull alone"
+                raise InputError(f"ramp.speed: {self.speed}; {problem}")
+            speed = self.speed
         end = lattice if self.lattice is None else self.lattice
         expect("ramp.lattice", end, ReactionLattice, "give one with the same sites")
         if (end.breaking is None) != (lattice.breaking is None) or any(
@@ -72,7 +86,7 @@ class Ramp:
         kelvin = temperature
         if self.temperature is not None:
             kelvin = temperature_value(self.temperature)
-        return Ramp(kelvin, end)
+        return Ramp(kelvin, end, speed)
 
 
 class Engine(Component, ABC):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -32,10 +32,12 @@ ABSENT = 1000.0
 OUTPUTS = {
     "slider": Output("hold_time", "nm", "way of the slider"),
     "step_points": Output("step", "", "times that are recorded of each step"),
-    "step_load": Output("step", "nN", "load in each step"),
-    "step_area": Output("step", "nm2", "contact area in each step"),
+    "step_load": Output("step", "nN", "load at the end of each step"),
+    "step_area": Output("step", "nm2", "contact area at the end of each step"),
     "temperature": Output("hold_time", "K", "temperature"),
-    "step_speed": Output("step", "nm/s", "speed of the drive in each step"),
+    "step_speed": Output(
+        "step", "nm/s", "speed of the drive at the end of each step"
+    ),
     "step_peak": Output("step", "nN", "largest force of the drive in each step"),
     "step_peak_at": Output("step", "nm", "way of the slider in each step to there"),
     "step_work": Output("step", "nN nm", "work of the drive in each step"),
@@ -46,42 +48,58 @@ OUTPUTS = {
 }
 
 
+State: TypeAlias = BondHistory | PullHistory
+
+
 def state_of(
-    state: BondHistory | PullHistory,
-    before: ReactionLattice,
-    after: ReactionLattice,
-) -> BondHistory | PullHistory:
+    state: State, before: ReactionLattice, after: ReactionLattice
+) -> State:
     """The state of a contact whose sites have the barriers of ``after``: those that left have lost their bonds, and all
     keep their partners, stretch, clock and counters."""
     state = state.without(after.forming >= ABSENT / 2)
-    if isinstance(state, PullHistory):
-        forming = state.forming + (after.forming - before.forming)
-        state = state.model_copy(update={"forming": forming})
-    return state
+    state = state.raised(after.forming - before.forming)
+    if (occupied := state.resume.get("occupied")) is None:
+        return state
+    # of more than two states, sites that come into contact are as new
+    absent = np.maximum(before.forming, after.forming) >= ABSENT / 2
+    occupied = np.where(absent, -1, occupied)
+    return state.model_copy(
+        update={"resume": {**state.resume, "occupied": occupied}}
+    )
 
 
 def follow(
     segment: Segment,
     lattice: ReactionLattice,
-    state: BondHistory | PullHistory | None,
+    state: State | None,
     engine: Engine,
     drive: Slider | None,
+    *,
+    temperature: float,
     **how: Any,
-) -> BondHistory | PullHistory:
+) -> State:
     """One step of a replica from its ``state``: by the ``engine``, and once it has been driven by that of the
     ``drive``, with which bonds at rest keep their stretch.
 
-    ``how``: temperature (K), seed, and where they are known contact and chemistry.
+    ``temperature``: K, where the step has none; ``how``: seed, and where they are known contact and chemistry.
     """
-    if segment.heated is not None:
-        how["ramp"] = Ramp(segment.heated)
-    if not segment.speed and not isinstance(state, PullHistory):
+    first, last = segment.first, segment.last
+    how["temperature"] = first.temperature or temperature
+    ramps = {
+        name: getattr(last, name)
+        for name in ("temperature", "speed")
+        if getattr(last, name) != getattr(first, name)
+    }
+    if ramps:
+        how["ramp"] = Ramp(**ramps)
+    if not segment.driven and not isinstance(state, PullHistory):
         return run_kinetics(engine, lattice, segment.times, start=state, **how)
     assert drive is not None
     # every step is a pull of its own, with its own peak
     start = state.handed_on() if isinstance(state, PullHistory) else state
-    at = drive.at(segment)
-    return pull(drive.engine, lattice, at, segment.times, start=start, **how)
+    return pull(
+        drive.engine, lattice, drive.at(first), segment.times, start=start, **how
+    )
 
 
 def softened(solver: ContactSolver, ratio: float) -> ContactSolver:
@@ -111,27 +129,29 @@ def on_all_sites(lattices: Sequence[ReactionLattice]) -> list[ReactionLattice]:
 
 
 def _embedded(lattice: ReactionLattice, sites: np.ndarray) -> ReactionLattice:
-    if lattice.positions is not None or lattice.states is not None:
+    if lattice.positions is not None:
         raise InputError(
-            "load: sites at positions of their own, or of more than two states, need one load"
+            "load: sites at positions of their own need one load; give a site_density without them"
         )
     at = np.searchsorted(sites, lattice.sites)
-
-    def spread(values: np.ndarray, empty: float) -> np.ndarray:
-        full = np.full((sites.size, *values.shape[1:]), empty, values.dtype)
-        full[at] = values
-        return full
-
-    fields: dict[str, Any] = {"sites": sites}
-    empty = {"forming": ABSENT, "breaking": 1.0, "pressure": 0.0, "coupling": 0.0}
-    for name, value in empty.items():
-        if (values := getattr(lattice, name)) is not None:
-            fields[name] = spread(values, value)
-    if (graph := lattice.neighbours) is not None:
-        fields["neighbours"] = spread(
-            np.where(graph >= 0, at[graph], -1).astype(graph.dtype), -1
+    numbers = np.append(at, -1)
+    empty = {
+        "forming": ABSENT,
+        "transition_barriers": ABSENT,
+        "breaking": 1.0,
+        "neighbours": -1,
+    }
+    changed: dict[str, Any] = {"sites": sites}
+    for name, (dims, _, _) in lattice.arrays.items():
+        values = getattr(lattice, name)
+        if values is None or dims[0] != "site" or name == "sites":
+            continue
+        full = np.full(
+            (sites.size, *values.shape[1:]), empty.get(name, 0), values.dtype
         )
-    return ReactionLattice.fromdict({**lattice.todict(), **fields})
+        full[at] = numbers[values] if name == "neighbours" else values
+        changed[name] = full
+    return lattice.model_copy(update=changed)
 
 
 class Programme(AgeingMethod):
@@ -154,7 +174,7 @@ class Programme(AgeingMethod):
     def segments(self) -> tuple[Segment, ...]:
         """The steps with all their conditions."""
         found = tuple(segments(self.protocol.expand()))
-        if self.drive is None and any(one.speed for one in found):
+        if self.drive is None and any(one.driven for one in found):
             raise InputError("a speed needs [drive], which says how bonds yield")
         return found
 
@@ -165,43 +185,60 @@ class Programme(AgeingMethod):
     @property
     def driven(self) -> bool:
         """Whether any step has a speed."""
-        return any(one.speed for one in self.segments)
+        return any(one.driven for one in self.segments)
 
     def check_sections(self, parts: Mapping[str, Any]) -> None:
         """Refuse steps that are not complete, and a scene whose sections contradict them."""
-        if self.driven and parts["chemistry"].breaking is None:
+        chemistry = parts["chemistry"]
+        if self.driven and chemistry.breaking is None:
             raise InputError("bonds last, so that nothing slides; give [breaking]")
+        if self.driven and chemistry.states is not None:
+            raise InputError(
+                "a drive pulls at sites that are free or bonded; leave out the transitions, or the speeds"
+            )
+        for humidity in {one.first.humidity for one in self.segments} - {None}:
+            chemistry.replace(humidity=humidity)
         if not parts["engine"].restart:
             raise InputError(
                 "the engine cannot go on from a history; use another one"
             )
 
-    def contacts(self, request: AgeingRequest) -> list[ContactSolution]:
-        """The contact in each step, each solved from the one before; of conditions that come back the same one, unless
-        the contact remembers."""
-        contact, surface, solver = request.solution, request.surface, request.solver
-        first = contact.load
-        solved: dict[Any, ContactSolution] = {(first, 1.0): contact}
-        found = []
+    def contacts(self, request: AgeingRequest) -> list[list[ContactSolution]]:
+        """The contacts of each step, several where its load changes meanwhile, each solved from the one before; of
+        conditions that come back the same one, unless the contact remembers."""
+        contact, solver = request.solution, request.solver
+        surface, scene = request.surface, contact.load
+        solved: dict[Any, ContactSolution] = {(scene, 1.0): contact}
+        found: list[list[ContactSolution]] = []
         for segment in self.segments:
-            load = first if segment.load is None else segment.load
-            at = load, segment.hardness_ratio
-            if at not in solved:
-                if surface is None or solver is None:
+            first = scene if segment.first.load is None else segment.first.load
+            loads, ratio = [first], segment.first.hardness_ratio
+            if surface is None or solver is None:
+                if segment.contacts or (first, ratio) not in solved:
                     raise InputError(
                         "load: to change it, give the surface and the solver"
                     )
-                if contact.plastic_displacement is not None:
-                    surface = contact.residual_surface(surface)
-                remembers = (
-                    solver.adheres or contact.plastic_displacement is not None
-                )
-                softer = softened(solver, segment.hardness_ratio)
-                contact = solve_contact(softer, surface, load, start=contact)
-                solved = {} if remembers else solved
-                solved |= {at: contact, (contact.load, at[1]): contact}
-            contact = solved[at]
-            found.append(contact)
+                found.append([contact])
+                continue
+            if segment.contacts:
+                ends = [
+                    solver.normal_force(load, surface)
+                    for load in (first, segment.last.load)
+                ]
+                loads = np.linspace(*ends, segment.contacts + 1).tolist()
+            found.append([])
+            for load in loads:
+                if (load, ratio) not in solved:
+                    flowed = contact.plastic_displacement is not None
+                    if flowed:
+                        surface = contact.residual_surface(surface)
+                    softer = softened(solver, ratio)
+                    contact = solve_contact(softer, surface, load, start=contact)
+                    solved = {} if solver.adheres or flowed else solved
+                    both = (load, ratio), (contact.load, ratio)
+                    solved |= dict.fromkeys(both, contact)
+                contact = solved[load, ratio]
+                found[-1].append(contact)
         return found
 
     def age(self, request: AgeingRequest) -> AgedBonds:
@@ -213,7 +250,7 @@ class Programme(AgeingMethod):
         notes = []
         if self.driven:
             notes.append("friction is the force of the drive, not a drop by a hold")
-        if len({contact.load for contact in contacts}) > 1:
+        if len({contact.load for each in contacts for contact in each}) > 1:
             notes.append("friction coefficients are over the load of the scene")
 
         every, provenances, said = zip(*replicas, strict=True)
@@ -238,50 +275,73 @@ class Programme(AgeingMethod):
         )
 
     def _replica(
-        self, request: AgeingRequest, number: int, contacts: list[ContactSolution]
+        self,
+        request: AgeingRequest,
+        number: int,
+        contacts: list[list[ContactSolution]],
     ) -> tuple[dict[str, Any], list[Any], list[str]]:
         """Its values by name; of what was made on the way plugins and approximations; and notes."""
         seeds = request.seeds(number)
-        different = {id(contact): contact for contact in contacts}
+        kelvin = request.temperature
+        conditions = {
+            (id(contact), segment.first.humidity): contact
+            for segment, each in zip(self.segments, contacts, strict=True)
+            for contact in each
+        }
+        chemistries = {
+            humidity: request.chemistry
+            if humidity is None
+            else request.chemistry.replace(humidity=humidity)
+            for _, humidity in conditions
+        }
         built = [
-            build_lattice(request.chemistry, contact, seeds.disorder)
-            for contact in different.values()
+            build_lattice(chemistries[humidity], contact, seeds.disorder)
+            for (_, humidity), contact in conditions.items()
         ]
-        lattices = dict(zip(different, on_all_sites(built), strict=True))
+        lattices = dict(zip(conditions, on_all_sites(built), strict=True))
         made = [(one.plugins, one.approximate) for one in built]
-        state, before = None, built[0]
-        first = lattices[id(contacts[0])].forming < ABSENT / 2
+        state, before = None, next(iter(lattices.values()))
+        there = before.forming < ABSENT / 2
         notes: dict[str, None] = {}
         steps: list[StepOutcome] = []
-        for segment, contact in zip(self.segments, contacts, strict=True):
-            lattice, lost = lattices[id(contact)], 0
-            if state is not None and lattice is not before:
-                state, broken = state_of(state, before, lattice), state.broken[-1]
-                lost = int(state.broken[-1] - broken)
-            pulled = segment.speed or isinstance(state, PullHistory)
-            make = partial(
-                follow,
-                segment,
-                lattice,
-                state,
-                request.engine,
-                self.drive,
-                temperature=segment.temperature or request.temperature,
-                seed=seeds.noise,
-                contact=contact,
-                chemistry=request.chemistry,
-            )
-            state = request.kept(
-                f"replica-{number:05d}-step-{len(steps):03d}",
-                PullHistory if pulled else BondHistory,
-                make,
-                key=[self.todict(), lattice.digest()],
-            )
-            before = lattice
-            old = int(np.count_nonzero(state.state & first))
+        for segment, each in zip(self.segments, contacts, strict=True):
+            parts, lost = [], 0
+            pieces = segment.parts(kelvin) if segment.contacts else [segment]
+            humidity = segment.first.humidity
+            for piece, contact in zip(pieces, each, strict=True):
+                lattice = lattices[id(contact), humidity]
+                if state is not None and lattice is not before:
+                    broken = state.broken[-1]
+                    state = state_of(state, before, lattice)
+                    lost += int(state.broken[-1] - broken)
+                pulled = piece.driven or isinstance(state, PullHistory)
+                make = partial(
+                    follow,
+                    piece,
+                    lattice,
+                    state,
+                    request.engine,
+                    self.drive,
+                    temperature=kelvin,
+                    seed=seeds.noise,
+                    contact=contact,
+                    chemistry=chemistries[humidity],
+                )
+                at = f"-{len(parts):03d}" if segment.contacts else ""
+                state = request.kept(
+                    f"replica-{number:05d}-step-{len(steps):03d}{at}",
+                    PullHistory if pulled else BondHistory,
+                    make,
+                    key=[self.todict(), lattice.digest()],
+                )
+                before = lattice
+                parts.append(state)
+                made.append((state.plugins, state.approximate))
+                notes |= dict.fromkeys(state.notes)
+            if segment.contacts:
+                state = type(parts[-1]).of_parts(parts)
+            old = int(np.count_nonzero(state.state & there))
             steps.append(StepOutcome.of(segment, state, lost, old))
-            made.append((state.plugins, state.approximate))
-            notes |= dict.fromkeys(state.notes)
         assert state is not None
         values: dict[str, Any] = {
             name: np.concatenate([getattr(one, name) for one in steps])
@@ -291,12 +351,15 @@ class Programme(AgeingMethod):
             values[f"step_{name}"] = np.array([getattr(one, name) for one in steps])
         values |= {
             "step_points": np.array([one.times.size for one in self.segments]),
-            "step_load": np.array([one.load for one in contacts]),
-            "step_area": np.array([one.area for one in contacts]),
+            "step_load": np.array([each[-1].load for each in contacts]),
+            "step_area": np.array([each[-1].area for each in contacts]),
             "temperature": np.concatenate(
-                [one.temperatures(request.temperature) for one in self.segments]
+                [
+                    one.along("temperature", one.times, kelvin)
+                    for one in self.segments
+                ]
             ),
-            "step_speed": np.array([one.speed for one in self.segments]),
+            "step_speed": np.array([one.last.speed for one in self.segments]),
             "sites": state.state.size,
             "events": state.formed[-1] + state.broken[-1],
         }

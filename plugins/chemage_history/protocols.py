@@ -32,7 +32,7 @@ class Steps(Protocol):
         """See :meth:`Protocol.measure`."""
         for k, one in enumerate(steps):
             yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of step {k}"
-            if one.segment.speed:
+            if one.segment.driven:
                 yield f"peak_{k}", one.peak, "nN", f"largest force in step {k}"
                 yield (
                     f"steady_{k}",

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from chemage.plugin import (
     BondHistory,
@@ -32,9 +32,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Speed = Annotated[Any, Unit("nm/s", ge=0)]
+Humidity = Annotated[Any, Unit("", ge=0, lt=1)]
 #: name, value, unit and meaning of a number
 Measure: TypeAlias = tuple[str, float, str, str]
 Stiffness = Annotated[Any, Unit("nN/nm", ge=0, words=("rigid",))]
+
+
+def _force(value: Any) -> Any:
+    try:
+        return convert(value, "nN") if isinstance(value, str) else value
+    except UnitError:
+        return value  # a pressure, which is multiplied by the area of the surface
+
+
+Load = Annotated[float | str, AfterValidator(_force)]
 #: times of a rest that are recorded, per decade
 PER_DECADE = 5
 #: the part of a step, at its end, over which the steady force is a mean
@@ -49,20 +60,42 @@ class Slider(Drive):
     engine: Choice[Pulling] = Field(default="event-driven", validate_default=True)  # pyright: ignore[reportAssignmentType]
     """the engine that pulls; default: event-driven"""
 
-    def at(self, segment: Segment) -> Drive:
-        """What pulls in one step."""
+    def at(self, conditions: Conditions) -> Drive:
+        """What pulls under these."""
         own = {name: getattr(self, name) for name in Drive.model_fields}
-        own["speed"] = segment.speed
-        if segment.spring is not None:
-            own["spring"] = None if segment.spring == "rigid" else segment.spring
+        own["speed"] = conditions.speed
+        if (spring := conditions.spring) is not None:
+            own["spring"] = None if spring == "rigid" else spring
         return Drive(**own)
 
 
 class Towards(Component):
-    """``{to = "400 K"}``: what is reached at the end of a step, linearly in time."""
+    """``{to = ...}``: what is reached at the end of a step, linearly in time."""
+
+    to: Any
+
+
+class ToTemperature(Towards):
+    """``{to = "400 K"}``, followed exactly."""
 
     to: Temperature
     """K"""
+
+
+class ToSpeed(Towards):
+    """``{to = "1 um/s"}``, followed exactly."""
+
+    to: Speed
+    """nm/s"""
+
+
+class ToLoad(Towards):
+    """``{to = "80 nN"}``, followed in contacts at equal distances of the load."""
+
+    to: Load
+    """a force (nN) or a nominal pressure"""
+    contacts: int = Field(default=8, ge=1, le=1000)
+    """contacts that are solved; the error falls as their number squared; default: 8"""
 
 
 class HistoryStep(Component):
@@ -72,30 +105,40 @@ class HistoryStep(Component):
     """how long it takes, s; default: the way of ``distance``"""
     distance: Length | None = None
     """by which the drive moves, nm; instead of ``duration``"""
-    speed: Speed | None = None
-    """of the drive, nm/s; 0: it rests, and the bonds keep their stretch; first: it rests"""
+    speed: Speed | ToSpeed | None = None
+    """of the drive, nm/s, or ``{to = ...}``, a ramp; 0: it rests, and the bonds keep their stretch; first: it rests"""
     spring: Stiffness | None = None
     """stiffness of the spring that pulls the slider, nN/nm, or "rigid": the slider has the speed; first: that of
     ``[drive]``"""
-    load: float | str | None = None
-    """a force (nN) or a nominal pressure; first: that of the scene"""
-    temperature: Temperature | Towards | None = None
-    """K, or ``{to = ...}``, a ramp from that before, which is followed exactly; first: that of ``[hold]``"""
+    load: Load | ToLoad | None = None
+    """a force (nN) or a nominal pressure, or ``{to = ...}``, a ramp; first: that of the scene"""
+    temperature: Temperature | ToTemperature | None = None
+    """K, or ``{to = ...}``, a ramp; first: that of ``[hold]``"""
+    humidity: Humidity | None = None
+    """relative humidity; first: that of ``[chemistry]``"""
     hardness_ratio: float | None = Field(default=None, gt=0, le=1)
     """hardness over that in ``[contact]``: where it falls, the contact creeps; first: 1"""
     points: int | None = Field(default=None, ge=1, le=100_000)
     """times that are recorded besides its beginning: at rest 5 per decade, counted back from the end; else evenly;
     default: 20 at rest, else 100"""
 
-    @field_validator("load")
-    @classmethod
-    def _force(cls, value: Any) -> Any:
-        try:
-            return convert(value, "nN") if isinstance(value, str) else value
-        except UnitError:
-            return (
-                value  # a pressure, which is multiplied by the area of the surface
-            )
+
+@dataclass(frozen=True)
+class Conditions:
+    """Of a contact at one time."""
+
+    #: nN, or a pressure; None: of the scene
+    load: float | str | None = None
+    #: K; None: of the scene
+    temperature: float | None = None
+    #: None: of the chemistry
+    humidity: float | None = None
+    #: nm/s
+    speed: float = 0.0
+    #: nN/nm, or "rigid"; None: of the drive
+    spring: float | str | None = None
+    #: hardness over that of the scene
+    hardness_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -104,25 +147,48 @@ class Segment:
 
     #: (m,) s since the contact was made; the first is its beginning, just after what changes
     times: np.ndarray
-    #: nN, or a pressure; None: of the scene
-    load: float | str | None
-    #: K; None: of the scene
-    temperature: float | None
-    #: nm/s
-    speed: float
-    #: nN/nm, or "rigid"; None: of the drive
-    spring: float | str | None
-    #: K at the end, to which it goes linearly in time; None: it stays
-    heated: float | None = None
-    #: hardness over that of the scene
-    hardness_ratio: float = 1.0
+    #: at its beginning
+    first: Conditions
+    #: at its end, to which temperature, speed and load go linearly in time
+    last: Conditions
+    #: by how many contacts the load changes; 0: it stays
+    contacts: int = 0
 
-    def temperatures(self, otherwise: float) -> np.ndarray:
-        """(m,) K at its times; ``otherwise`` where it has none."""
-        first = self.temperature or otherwise
-        passed = self.times - self.times[0]
-        part = passed / (passed[-1] or 1.0)
-        return first + ((self.heated or first) - first) * part
+    @property
+    def driven(self) -> bool:
+        """Whether the drive moves."""
+        return self.first.speed + self.last.speed > 0
+
+    def along(self, name: str, times: Any, otherwise: float = 0.0) -> np.ndarray:
+        """A condition at ``times`` (s); ``otherwise`` where it has no value."""
+        first, last = getattr(self.first, name), getattr(self.last, name)
+        first = otherwise if first is None else first
+        last = first if last is None else last
+        begin, end = self.times[[0, -1]]
+        return first + (last - first) * ((times - begin) / ((end - begin) or 1.0))
+
+    def way(self, since: float) -> float:
+        """nm, of the drive from a time (s) to the end."""
+        mean = self.along("speed", (since + self.times[-1]) / 2)
+        return float(mean * (self.times[-1] - since))
+
+    def parts(self, kelvin: float) -> Iterator[Segment]:
+        """Those with one contact each, the first and the last half as long; their last time is none of the whole.
+        ``kelvin``: temperature where it has none."""
+        begin, end = self.times[[0, -1]]
+        for number in range(self.contacts + 1):
+            shares = (number + np.array([-0.5, 0.5])) / self.contacts
+            since, until = begin + (end - begin) * shares.clip(0, 1)
+            inside = (self.times <= until) & ((self.times > since) | (number == 0))
+            sides = [
+                replace(
+                    self.last,
+                    temperature=float(self.along("temperature", time, kelvin)),
+                    speed=float(self.along("speed", time)),
+                )
+                for time in (since, until)
+            ]
+            yield Segment(np.append(self.times[inside], until), *sides)
 
 
 def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
@@ -133,32 +199,34 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
     ValueError
         A step has no duration, or no speed for its distance.
     """
-    begin, speed, load, temperature, spring = 0.0, 0.0, None, None, None
-    ratio = 1.0
+    begin, last = 0.0, Conditions()
     for number, step in enumerate(steps):
-        speed = speed if step.speed is None else step.speed
-        load = load if step.load is None else step.load
-        spring = spring if step.spring is None else step.spring
-        ratio = step.hardness_ratio or ratio
-        heated, at = None, step.temperature
-        if isinstance(at, Towards):
-            heated = at.to
-        else:
-            temperature = at or temperature
+        said = {
+            one.name: value
+            for one in fields(Conditions)
+            if (value := getattr(step, one.name)) is not None
+        }
+        ramps = {name: at for name, at in said.items() if isinstance(at, Towards)}
+        values = {name: at for name, at in said.items() if name not in ramps}
+        first = replace(last, **values)
+        last = replace(first, **{name: at.to for name, at in ramps.items()})
         if (step.duration is None) == (step.distance is None):
             raise ValueError(f"step {number}: give either duration or distance")
-        if step.distance is not None and not speed:
+        driven = first.speed + last.speed > 0
+        if step.distance is not None and not driven:
             raise ValueError(f"step {number}: a distance needs a speed")
-        span = step.distance / speed if step.distance else step.duration or 0.0
-        points = step.points or (100 if speed else 20)
-        if speed:
+        span = step.duration or 0.0
+        if step.distance:
+            span = step.distance / ((first.speed + last.speed) / 2)
+        points = step.points or (100 if driven else 20)
+        if driven:
             passed = np.linspace(0.0, span, points + 1)
         else:
             back = np.arange(points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
-        conditions = load, temperature, speed, spring, heated, ratio
-        yield Segment(begin + passed, *conditions)
-        begin, temperature = begin + span, heated or temperature
+        contacts = ramps["load"].contacts if "load" in ramps else 0
+        yield Segment(begin + passed, first, last, contacts)
+        begin += span
         if not math.isfinite(begin):
             raise ValueError(f"step {number}: ends beyond the range of numbers")
 
@@ -200,7 +268,7 @@ class StepOutcome:
             return cls(segment, bonds, none, none, lost=lost, old=old)
         work, slider, times = history.work, history.displacement, segment.times
         last = -1 - max(1, round(LAST * (work.size - 1)))
-        way = segment.speed * (times[-1] - times[last])
+        way = segment.way(float(times[last]))
         return cls(
             segment,
             history.bonds,

@@ -123,11 +123,14 @@ class Bonds(NamedTuple):
 
 
 class SliderDrive(NamedTuple):
-    """What pulls: speed nm/s; spring nN/nm, inf where the slider itself has the speed; friction nN."""
+    """What pulls: speed nm/s, which rises (nm/s²) from its value at a time (s) on; spring nN/nm, inf where the slider
+    itself has the speed; friction nN."""
 
     speed: float
     spring: float
     friction: float
+    rise: float
+    since: float
 
 
 class NewPartners(NamedTuple):
@@ -263,16 +266,41 @@ def _slack(run: PullRun) -> Float:
 
 
 @hot
-def _speed(run: PullRun) -> Float:
-    """Of the slider, nm/s."""
+def _drive_speed(run: PullRun, span: Float) -> Float:
+    """Of the drive, nm/s: mean of the next ``span`` seconds."""
+    drive = run.drive
+    if drive.rise == 0.0:
+        return drive.speed
+    passed = (run.reals[HIGH] - drive.since) + run.reals[LOW]
+    return max(drive.speed + drive.rise * (passed + 0.5 * span), 0.0)
+
+
+@hot
+def _share(run: PullRun) -> Float:
+    """The speed of the slider over that of the drive."""
     drive = run.drive
     if run.counts[RESTS] or drive.spring == 0.0:
         return 0.0
     if math.isinf(drive.spring):
-        return drive.speed
-    return drive.speed * (
-        drive.spring / (drive.spring + run.counts[BONDS] * run.bonds.stiffness)
-    )
+        return 1.0
+    return drive.spring / (drive.spring + run.counts[BONDS] * run.bonds.stiffness)
+
+
+@hot
+def _speed(run: PullRun, span: Float) -> Float:
+    """Of the slider, nm/s: mean of the next ``span`` seconds without an event."""
+    return _drive_speed(run, span) * _share(run)
+
+
+@hot
+def _arrives(way: Float, speed: Float, rise: Float) -> Float:
+    """In how many seconds what has this speed, which rises, goes so far."""
+    if rise == 0.0:
+        return way / speed if speed > 0.0 else np.inf
+    root = speed * speed + 2.0 * rise * way
+    if way <= 0.0:
+        return 0.0
+    return 2.0 * way / (speed + math.sqrt(root)) if root > 0.0 else np.inf
 
 
 # -- lists of bonds by window --------------------------------------------------------------------------------------
@@ -324,7 +352,7 @@ def _bind(i: Int, least: Float, run: PullRun) -> None:
 @inner
 def _rebind(passed: Int, run: PullRun) -> None:
     """New bounds for the bonds of the last ``passed`` windows, up to the present one."""
-    least, count = _least_barrier(_speed(run), run), np.int64(0)
+    least, count = _least_barrier(_speed(run, 0.0), run), np.int64(0)
     window = run.counts[WINDOW]
     for back in range(min(passed, RING)):
         slot = (window - back) & (RING - 1)
@@ -373,14 +401,14 @@ def _shift(distance: Float, run: PullRun) -> None:
 @hot
 def _work(run: PullRun, span: Float) -> tuple[Float, Float, Float]:
     """Of ``span`` seconds ahead, without an event: the work of drive and friction (nN nm), and the way (nm)."""
-    speed, drive = _speed(run), run.drive
-    way = speed * span
+    drive, speed = run.drive, _drive_speed(run, span)
+    way = speed * _share(run) * span
     if run.counts[RESTS]:
-        mean = _force(run) + 0.5 * drive.spring * drive.speed * span
+        mean = _force(run) + 0.5 * drive.spring * speed * span
     else:
         mean = _force(run) + 0.5 * run.bonds.stiffness * run.counts[BONDS] * way
     return (
-        (mean if drive.spring > 0.0 else 0.0) * drive.speed * span,
+        (mean if drive.spring > 0.0 else 0.0) * speed * span,
         drive.friction * way,
         way,
     )
@@ -502,7 +530,7 @@ def _change(i: Int, run: PullRun) -> None:
         counts[BONDS] += 1
         counts[FORMED] += 1
         run.words[i] |= 1
-        _bind(i, _least_barrier(_speed(run), run), run)
+        _bind(i, _least_barrier(_speed(run, 0.0), run), run)
     count = mark(run.rates, i >> 3, np.int64(0))
     for s in range(degree(model)):
         j = neighbour(i, s, model)
@@ -519,7 +547,8 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
     work, rubbed, way = _work(run, span)
     force = _force(run)
     if counts[RESTS]:
-        force += min(drive.spring * drive.speed * span, max(_slack(run), 0.0))
+        pulled = drive.spring * _drive_speed(run, span) * span
+        force += min(pulled, max(_slack(run), 0.0))
     else:
         force += bonds.stiffness * counts[BONDS] * way
     if math.isinf(drive.spring) or drive.spring > 0.0:
@@ -567,7 +596,7 @@ def present_barriers(
 def start(run: PullRun, goes_on: bool) -> None:
     """Give every bond its bound, that of before where a pull goes on, and let the slider settle."""
     run = borrowed(run)
-    least = _least_barrier(_speed(run), run)
+    least = _least_barrier(_speed(run, 0.0), run)
     for i in range(run.words.size):
         if run.words[i] & 1:
             if goes_on:
@@ -636,10 +665,11 @@ def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
         _draw(run)
     while events > 0:
         events -= 1
-        total, speed = tree_total(run.rates), _speed(run)
+        total, share = tree_total(run.rates), _share(run)
+        speed, rise = _drive_speed(run, 0.0), run.drive.rise
         step, event = (reals[LEFT] / total if total > 0.0 else np.inf), 0
         edge, ahead = np.inf, RING
-        if counts[BONDS] > 0 and speed > 0.0:
+        if counts[BONDS] > 0 and share > 0.0 and (speed > 0.0 or rise > 0.0):
             # the next window for which bonds are listed
             ahead = np.int64(1)
             while (
@@ -647,14 +677,13 @@ def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
                 and run.heads[(counts[WINDOW] + ahead) & (RING - 1)] < 0
             ):
                 ahead += 1
-            edge = (
-                max(ahead * run.bonds.window - reals[REST] - reals[REST_LOW], 0.0)
-                / speed
-            )
+            way = ahead * run.bonds.window - reals[REST] - reals[REST_LOW]
+            edge = _arrives(max(way, 0.0), speed * share, rise * share)
         if edge < step:
             step, event = edge, 1
-        if counts[RESTS] and run.drive.spring > 0.0 and run.drive.speed > 0.0:
-            free = max(_slack(run), 0.0) / (run.drive.spring * run.drive.speed)
+        if counts[RESTS] and run.drive.spring > 0.0:
+            spring = run.drive.spring
+            free = _arrives(max(_slack(run), 0.0), spring * speed, spring * rise)
             if free < step:
                 step, event = free, 2
         then = later(_now(run), step)
@@ -665,6 +694,7 @@ def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
             counts[DONE] = 1
             return
         work, rubbed, way = _work(run, step)
+        pulled = run.drive.spring * _drive_speed(run, step) * step
         _two_sum(reals, WORK, work)
         _two_sum(reals, RUBBED, rubbed)
         reals[HIGH], reals[LOW] = then
@@ -679,7 +709,7 @@ def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
             _rebind(ahead, run)
             continue
         if counts[RESTS]:
-            _two_sum(reals, PULL, run.drive.spring * run.drive.speed * step)
+            _two_sum(reals, PULL, pulled)
         _shift(way, run)
         i = select(run.rates, reals[CHOICE] * tree_total(run.rates), 0.0)
         v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)

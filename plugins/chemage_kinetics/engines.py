@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from chemage import ReactionLattice
-from chemage.plugin import BondHistory, Engine, Output, Ramp, counters_of, threads
+from chemage.plugin import BondHistory, Engine, Output, Ramp, threads
 from chemage_kinetics import (
     _bkl,
     _common,
@@ -133,24 +133,8 @@ class KernelEngine(Engine):
             )
             start = self._follow(job, part.ramp)
             seen.append(start)
-        counts = {
-            name: np.concatenate([getattr(one, name)[:-1] for one in seen])
-            for name in ("bonds", "formed", "broken")
-        }
-        curves = {
-            name: np.concatenate([one.observables[name][:-1] for one in seen])
-            for name in seen[-1].observables
-        }
-        # the pending events are those of the last bounds
-        return seen[-1].model_copy(
-            update={
-                **counts,
-                "observables": curves,
-                "hold_times": hold_times,
-                "temperature": ramp.temperature,
-                "resume": counters_of(seen[-1].resume),
-            }
-        )
+        whole = BondHistory.of_parts(seen)
+        return whole.model_copy(update={"temperature": ramp.temperature})
 
     @abstractmethod
     def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:

@@ -21,7 +21,6 @@ from chemage.plugin import (
     Pulling,
     Ramp,
     Seed,
-    counters_of,
 )
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import Array, RampBounds, start_words
@@ -95,34 +94,32 @@ class EventDriven(Pulling):
         """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
         begin = start.time if isinstance(start, Followed) else 0.0
         seen: list[PullHistory] = []
-        own = lattice
-        for part in parts_of(lattice, times, begin, temperature, ramp):
-            start, partners = moved(own, part.lattice, start, partners)
-            own = part.lattice
-            how = own, part.times, part.temperature, seed, start, drive, partners
-            start = self._follow(_Job(self.kind, *how), part.ramp)
-            seen.append(start)
         assert ramp.lattice is not None
-        last, _ = moved(own, ramp.lattice, seen[-1], None)
-        highest = max(seen, key=lambda one: one.peak)
-        of_time = last.arrays[last.of_times][0]
-        named = [
-            name for name, (dims, _, _) in last.arrays.items() if dims == of_time
-        ]
+        assert ramp.speed is not None
+        span, gain = float(times[-1]) - begin, ramp.speed - drive.speed
+        before = lattice.forming
+        for part in parts_of(lattice, times, begin, temperature, ramp):
+            change = part.lattice.forming - before
+            before = part.lattice.forming
+            if isinstance(start, PullHistory):
+                start = start.raised(change)
+            if partners is not None:
+                partners = partners._replace(shift=partners.shift + change)
+            since = start.time if isinstance(start, Followed) else begin
+            until = float(part.times[-1])
+            # the mean one of this part
+            share = ((since + until) / 2 - begin) / span if span else 1.0
+            own = drive.replace(speed=drive.speed + gain * share)
+            how = part.lattice, part.times, part.temperature, seed, start
+            rise = gain / span if span else 0.0
+            start = self._follow(
+                _Job(self.kind, *how, own, partners, rise), part.ramp
+            )
+            seen.append(start)
+        last = PullHistory.of_parts(seen).raised(ramp.lattice.forming - before)
+        end = drive.replace(speed=ramp.speed)
         return last.model_copy(
-            update={
-                name: np.concatenate([getattr(one, name)[:-1] for one in seen])
-                for name in named
-            }
-            | {
-                name: getattr(highest, name)
-                for name in ("peak", "peak_displacement", "peak_time")
-            }
-            | {
-                "temperature": ramp.temperature,
-                # the pending event is one of the last bounds
-                "resume": counters_of(last.resume),
-            }
+            update={"temperature": ramp.temperature, "drive": end.todict()}
         )
 
     def _follow(self, job: _Job, ramp: RampBounds | None) -> PullHistory:
@@ -145,28 +142,14 @@ class EventDriven(Pulling):
             )
 
 
-def moved(
-    before: ReactionLattice,
-    lattice: ReactionLattice,
-    start: Any,
-    partners: Partners | None,
-) -> tuple[Any, Partners | None]:
-    """The start and the new partners of a pull on a lattice whose barriers differ from those ``before``: partners that
-    sites have met differ by as much."""
-    change = lattice.forming - before.forming
-    if isinstance(start, PullHistory):
-        start = start.model_copy(update={"forming": start.forming + change})
-    if partners is not None:
-        partners = partners._replace(shift=partners.shift + change)
-    return start, partners
-
-
 @dataclass(eq=False)
 class _Job(Start):
     """One pull: the arguments of `Pulling._run`, the arrays made from them, and the result."""
 
     drive: Drive
     new_partners: Partners | None
+    rise: float = 0.0
+    """nm/s², of the speed of the drive, which is a mean one"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -198,10 +181,13 @@ class _Job(Start):
             drive.bond_stiffness,
             window,
         )
+        half = (float(self.times[-1]) - self.time) / 2
         self.pull = kernel.SliderDrive(
-            drive.speed,
+            drive.speed - self.rise * half,
             math.inf if drive.spring is None else drive.spring,
             drive.friction,
+            self.rise,
+            self.time,
         )
         quantiles, shift = np.empty(0), np.empty(0)
         if partners is not None:
@@ -236,7 +222,7 @@ class _Job(Start):
 
     def identity(self) -> dict[str, Array]:
         """What must be equal for the pending event to hold."""
-        pulled = [self.temperature, *self.bonds[1:], *self.pull]
+        pulled = [self.temperature, *self.bonds[1:], *self.pull[:3]]
         partners = [self.partners.quantiles.sum(), self.partners.shift.sum()]
         return {
             **super().identity(),

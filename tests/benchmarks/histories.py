@@ -3,12 +3,14 @@
 python tests/benchmarks/histories.py loads --pixels 512 --count 20
 python tests/benchmarks/histories.py holds --sites 1000000
 python tests/benchmarks/histories.py chains --count 200
+python tests/benchmarks/histories.py slip --decades 5
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -80,22 +82,57 @@ def chains(count: int) -> None:
     """Random programmes at once, by hand and in pieces."""
     from test_slip import chain_trial
 
-    for seed in range(count):
-        chain_trial(seed)
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(count):
+            chain_trial(seed, Path(folder) / str(seed))
     print(f"{count} random programmes: same bytes")
+
+
+def slip(decades: int, bonds: float, most: float) -> None:
+    """All figures of equal sites, for k_on of 1 to 10⁴ /s and 0.01 to 10⁴ nm/s."""
+    from test_slip import slip_figures
+
+    every = {}
+    for k_on in 10.0 ** np.arange(decades):
+        for speed in 10.0 ** np.arange(-2, -2 + 7 * decades // 5):
+            seconds, answer = spent(lambda k=k_on, v=speed: slip_figures(k, v, bonds, most, 20))
+            shown = ", ".join(f"{name} {100 * off:+.2f} ± {100 * error:.2f}" for name, (off, error) in answer.items())
+            print(f"{k_on:g}/s, {speed:g} nm/s: {shown} % ({seconds:.0f} s)", flush=True)
+            largest = answer.pop("largest of a replica")
+            every[k_on, speed] = np.array(list(answer.values())), largest
+    values = np.array([one for one, _ in every.values()])
+    names = list(answer)
+    print(
+        f"{'':24}rms, largest in standard errors; weighted mean, largest, and largest where errors are below 1/3, in %"
+    )
+    for number, name in enumerate(names):
+        off, error = values[:, number].T
+        there = error > 0
+        z, small = off[there] / error[there], there & (error < 0.0033)
+        weights = error[there] ** -2.0
+        mean, spread = np.average(off[there], weights=weights), weights.sum() ** -0.5
+        print(
+            f"{name:24}{np.sqrt(np.mean(z**2)):.2f} {np.abs(z).max():.2f}; {100 * mean:+.3f} ± {100 * spread:.3f}, "
+            f"{100 * np.abs(off).max():.2f}, {100 * np.abs(off[small]).max(initial=0.0):.2f} ({small.sum()} of {off.size})"
+        )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["loads", "holds", "chains"])
+    parser.add_argument("what", choices=["loads", "holds", "chains", "slip"])
     parser.add_argument("--pixels", type=int, default=512)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--sites", type=int, default=1_000_000)
+    parser.add_argument("--decades", type=int, default=5)
+    parser.add_argument("--bonds", type=float, default=1e5)
+    parser.add_argument("--most", type=float, default=4e6)
     chosen = parser.parse_args()
     if chosen.what == "loads":
         loads(chosen.pixels, chosen.count)
     elif chosen.what == "holds":
         holds(chosen.sites)
+    elif chosen.what == "slip":
+        slip(chosen.decades, chosen.bonds, chosen.most)
     else:
         chains(chosen.count)
 

@@ -6,34 +6,20 @@ from itertools import product
 
 import numpy as np
 import pytest
+from rows_in_contact import Rows
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.stats import binomtest, chi2, chi2_contingency, kstest
 
 import chemage as ca
 from chemage import InputError
-from chemage.plugin import KB, ContactSolver
+from chemage.plugin import KB
 from chemage_history import HistoryStep, Programme
 from chemage_history.programme import follow, on_all_sites, state_of
 from chemage_history.steps import segments
 
 ENGINES = ["auto", "rejection-free", "bkl", "next-reaction"]
 NU = 1e13
-
-
-class Rows(ContactSolver):
-    """A uniform pressure of 0.625 GPa on rows of pixels, one for each 10 nN."""
-
-    kind = "rows"
-    modulus: float = 1.0
-
-    def _solve(self, surface, load, start):
-        pressure = np.zeros(surface.shape)
-        rows = round(load / 10 / getattr(self, "hardness", 1.0))
-        pressure[:rows] = load / (rows * surface.shape[1]) / surface.pixel_size**2 if rows else 0.0
-        return ca.ContactSolution(
-            pressure=pressure, load=load, pixel_size=surface.pixel_size, modulus=1.0, periodic=True
-        )
 
 
 FLAT = ca.Surface(heights=np.zeros((20, 400)), pixel_size=0.2, periodic=True)
@@ -109,6 +95,72 @@ def test_a_ramp_of_temperature_goes_on_from_the_step_before_and_hands_on_its_end
     sites = 10 * 400
     for number, mean in enumerate(solved.y[0]):
         assert binomtest(int(found.observables[f"bonds_{number}"][0]), sites, mean).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("contacts", [4, 16])
+def test_on_a_ramp_of_load_sites_have_the_age_of_their_contact(contacts):
+    """Rows join as the load rises: N = ρ A(0) θ(t) + ρ ∫ A'(t') θ(t − t') dt', and go as it falls."""
+    up = {"load": {"to": 180.0, "contacts": contacts}, "duration": 2.0, "points": 10}
+    down = {"load": {"to": "60 nN", "contacts": contacts}, "duration": 2.0}
+    found = aged([{"duration": 0.5}, up, down], independent(), "independent", replicas=20)
+    times, seen = found.hold_times, found.observables
+    np.testing.assert_array_equal(
+        times, Programme(protocol={"kind": "steps", "step": [{"duration": 0.5}, up, down]}).times()
+    )
+    assert seen["step_load"][0].tolist() == [100.0, 180.0, 60.0]
+    rates = rate(0.8), rate(0.78)
+    joined = np.linspace(0.5, 2.5, 2001)
+    new = 400 * 8 * np.trapezoid(relaxed(0.0, *rates, 2.5 - joined), joined) / 2.0
+    old = 400 * 10 * relaxed(0.0, *rates, 2.5)
+    bonds, mean = seen["bonds_1"], old + new
+    # a quarter of a step of the load is what rows are late or early, and rows are whole
+    coarse = 400 * 8 * (0.25 / contacts**2 + 0.5 / contacts / 8)
+    assert abs(bonds.mean() - mean) < 4.5 * np.sqrt(mean / 20) + coarse
+    left = seen["step_lost"][:, 2].mean()
+    assert 0.5 * mean * 12 / 18 < left < mean
+    assert seen["bonds_2"].max() <= 400 * 6
+
+
+def test_a_ramp_of_load_is_refused_without_its_surface():
+    programme = Programme(protocol={"kind": "steps", "step": [{"load": {"to": 50.0}, "duration": 1.0}]})
+    with pytest.raises(InputError, match="give the surface and the solver"):
+        ca.age(
+            Rows().solve(FLAT, 10.0), independent(), engine=ca.engine("auto"), hold_times=programme.times(),
+            temperature=300, method=programme,
+        )  # fmt: skip
+
+
+WATER = {
+    "wetting": {"reaction": "free -> wet", "barrier": 0.68, "humidity": "langmuir"},
+    "drying": {"reaction": "wet -> free", "barrier": 0.68},
+}
+
+
+def test_sites_of_three_states_go_through_loads_and_humidities():
+    """Sites that stay keep their state, those that join have that of their humidity; without bonds the share of wet
+    sites goes to x/(1 + x)."""
+    chemistry = independent(
+        forming={"kind": "gaussian", "mean": 0.8, "std": 0.0}, breaking=None, transitions=WATER, humidity=0.5
+    )
+    steps = [
+        {"duration": 0.5},
+        {"load": 150.0, "duration": 0.5},
+        {"load": 50.0, "humidity": 0.0, "duration": 1.0},
+        {"load": 100.0, "duration": 2.0},
+    ]
+    found = aged(steps, chemistry, "many-states", replicas=4)
+    forming, bare = rate(0.8), 1 / 1.5
+    theta = np.zeros(20)
+    expected = []
+    # exchange of water is fast: a share of sites is free to bind
+    for rows, free, span in [(10, bare, 0.5), (15, bare, 0.5), (5, 1.0, 1.0), (10, 1.0, 2.0)]:
+        theta[rows:] = 0.0
+        theta[:rows] = 1 - (1 - theta[:rows]) * np.exp(-forming * free * span)
+        expected.append(400 * theta[:rows].sum())
+    for number, mean in enumerate(expected):
+        bonds = found.observables[f"bonds_{number}"]
+        # water takes 0.03 s to go
+        assert abs(bonds.mean() - mean) < 4.5 * np.sqrt(mean / 4) + 0.02 * mean, (number, bonds, mean)
 
 
 def lattice_of_patches(count: int, forming: np.ndarray, seed: int = 1) -> ca.ReactionLattice:

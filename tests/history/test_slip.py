@@ -2,126 +2,112 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from pulled_models import KB, lattice_of
-from scipy.integrate import trapezoid
-from scipy.stats import t as student
+from pulled_models import KT, Independent, Transport, drive_of, lattice_of
+from rows_in_contact import Rows
+from scipy.stats import chi2
 
 import chemage as ca
-from chemage.plugin import PullHistory, pull, run_kinetics
+from chemage.ageing.replicas import identity, replica_seeds
+from chemage.plugin import PullHistory, Ramp, pull, run_kinetics
 from chemage_history import HistoryStep, Programme, Slider
-from chemage_history.programme import follow, state_of
-from chemage_history.steps import Segment, StepOutcome, segments
+from chemage_history.programme import follow, on_all_sites, state_of
+from chemage_history.steps import Conditions, Segment, segments
 
-KT = KB * 300.0
-EV_NM = 0.1602176634
 SLIDER = Slider(bond_stiffness=10, transition_distance=0.05, partner="kept", shape="constant")
-BREAKING = 0.8
-
-
-class Transport:
-    """∂n/∂t + V ∂n/∂s = −k(s) n, unstretched bonds forming at k_on on free sites: cohorts of bonds on characteristics,
-    a second-order step in time."""
-
-    def __init__(self, k_on: float) -> None:
-        self.k_on = k_on
-        self.stretch, self.amount = np.zeros(0), np.zeros(0)
-
-    def breaking(self, stretch: np.ndarray) -> np.ndarray:
-        lowered = 10.0 * stretch * 0.05 / EV_NM
-        return 1e13 * np.exp(-np.maximum(BREAKING - lowered, 0.0) / KT)
-
-    @property
-    def force(self) -> float:
-        return 10.0 * float(self.stretch @ self.amount)
-
-    def run(self, speed: float, times: np.ndarray) -> np.ndarray:
-        """(m,) nN per site at each of ``times``, from 0."""
-        forces = [self.force]
-        for span in np.diff(times):
-            way = speed * span
-            lasts = np.exp(-span * self.breaking(self.stretch + way / 2))
-            free = 1 - self.amount.sum()
-            after = 1 - float(self.amount @ lasts)
-            # of the new ones half break as soon as they would on average, at half the way
-            born = -np.expm1(-self.k_on * span) * (free + after) / 2
-            born *= np.exp(-span / 2 * float(self.breaking(np.array([way / 4]))[0]))
-            self.stretch = np.append(self.stretch + way, way / 2)
-            self.amount = np.append(self.amount * lasts, born)
-            if speed == 0 and self.stretch.size > 1 and self.stretch[-2] == 0:
-                self.amount[-2] += self.amount[-1]
-                self.stretch, self.amount = self.stretch[:-1], self.amount[:-1]
-            alive = self.amount > 1e-14
-            self.stretch, self.amount = self.stretch[alive], self.amount[alive]
-            forces.append(self.force)
-        return np.array(forces)
 
 
 def at(speed: float, spring: float | None = None):
     """What pulls at this speed."""
-    return SLIDER.at(Segment(np.zeros(1), None, None, speed, spring or "rigid"))
+    return SLIDER.at(Conditions(speed=speed, spring=spring or "rigid"))
 
 
-def slid(lattice, steps, seed=0, engine="independent"):
-    """What a lattice of one replica did in each step."""
-    state, found = None, []
-    for segment in segments(steps):
-        state = follow(segment, lattice, state, ca.engine(engine), SLIDER, temperature=300, seed=seed)
-        assert state.fault() == ""
-        found.append(StepOutcome.of(segment, state))
-    return found
+def slip_figures(k_on: float, speed: float, bonds: float, most: float, replicas: int) -> dict[str, tuple[float, float]]:
+    """Of equal sites through slide, hold, slide, hold, slide, and speed times and over ten: each figure over that of
+    the transport equation, less 1, and its standard error.
+
+    A figure at one time has the exact error of independent sites; a mean over time that of replicas. Extremes are
+    compared at the time at which they are expected: the largest of a force that fluctuates is larger than its mean.
+    """
+    model = Independent(speed, drive_of(speed), 0.8, KT * np.log(1e13 / k_on))
+    faster = Independent(10 * speed, drive_of(10 * speed), 0.8, model.forming)
+    stretch = float(np.real(model.integral(model.survival)))
+    theta = stretch / (speed / model.k_on + stretch)
+    n = int(min(bonds / theta, most) / replicas)
+    cycles = max(40.0, bonds / (n * replicas * theta))
+    expected = Transport(model)
+    exact, programme, before = {}, [(0.0, speed, np.array([0.0, 0.5, 1.0]) * cycles * stretch / speed)], 0.0
+    exact["steady"] = model.mean_force
+
+    def add(name: str, moving: float, fine: np.ndarray, pick) -> None:
+        """A step, and the time in it of what is compared: ``pick`` gives its place."""
+        nonlocal before
+        moments = expected.run(moving, fine)
+        at = pick(moments[:, 0])
+        before = programme[-1][0] + programme[-1][2][-1]
+        programme.append((before, moving, np.append(0.0, np.unique(fine[[at, -1]]))))
+        exact[name] = (moments[at, 0], (moments[at, 1] / (n * replicas)) ** 0.5)
+
+    way = 8 * stretch * np.linspace(0, 1, 2001)
+    rest = stretch / speed / 3
+    add("after a short hold", 0.0, np.append(0, np.geomspace(1e-4, 1, 400)) * rest, lambda force: -1)
+    add("peak after it", speed, way / speed, np.argmax)
+    # so long that free sites bind
+    long = max(3 / model.k_on, stretch / speed)
+    add("after a long hold", 0.0, np.append(0, np.geomspace(1e-4 * rest / long, 1, 1500)) * long, lambda force: -1)
+    add("peak after that", speed, way / speed, np.argmax)
+    on = 8 * float(np.real(faster.integral(faster.survival))) * np.linspace(0, 1, 2001)
+    add("peak of the step up", 10 * speed, on / speed / 10, np.argmax)
+    add("faster", 10 * speed, 4 * on / speed / 10, lambda force: 1000)
+    exact["faster"] = faster.mean_force
+    add("least of the step down", speed, 40 * way / 8 / speed, np.argmin)
+    add("slower", speed, 40 * way / 8 / speed, lambda force: 1000)
+    exact["slower"] = model.mean_force
+    lattice, found = lattice_of(n, model.forming, 0.8), {name: [] for name in exact}
+    peaks = []
+    for seed in range(replicas):
+        state = None
+        for name, (begin, moving, times) in zip(exact, programme, strict=True):
+            at = Conditions(speed=moving, spring="rigid")
+            segment = Segment(begin + times, at, at)
+            state = follow(segment, lattice, state, ca.engine("independent"), SLIDER, temperature=300, seed=seed)
+            mean = isinstance(exact[name], float)
+            if mean:
+                found[name].append(np.diff(state.work)[-1] / np.diff(times)[-1] / moving / n)
+            else:
+                found[name].append(state.force[1] / n)
+            if name == "peak after that":
+                peaks.append(state.peak / n)
+    answer = {}
+    for name, value in exact.items():
+        mean = np.mean(found[name])
+        error = np.std(found[name], ddof=1) / replicas**0.5
+        value, error = (value, error) if isinstance(value, float) else value
+        answer[name] = (mean / value - 1, error / value) if value > 1e-6 * model.mean_force else (0.0, 0.0)
+    value, error = exact["peak after that"]
+    answer["largest of a replica"] = (np.mean(peaks) / value - 1, error / value * replicas**0.5)
+    return answer
 
 
 @pytest.mark.parametrize(
-    ("k_on", "speed"),
-    [(1e3, 1e3)]
+    ("k_on", "speed", "bonds"),
+    [(1e3, 1e3, 1e4)]
     + [
-        pytest.param(*case, marks=pytest.mark.long)
-        for case in [(1e2, 1e1), (1.0, 1e-2), (1.0, 0.3), (1e2, 1e2), (1e4, 1e4), (1e4, 1e2)]
+        pytest.param(*case, 5e4, marks=pytest.mark.long)
+        for case in [(1.0, 0.01), (1.0, 1.0), (1e2, 1.0), (1e2, 1e2), (1e4, 0.1), (1e4, 1e2), (1e4, 1e4)]
     ],
 )
-def test_slide_hold_slide_and_velocity_steps_against_the_transport_equation(k_on, speed):
-    """Steady force, force after the hold, peak of sliding again, and a velocity step up and down."""
-    n, replicas = 10_000, 8
-    forming = KT * np.log(1e13 / k_on)
-    lattice = lattice_of(n, forming, BREAKING)
-    way, hold = 0.6 + 2.0 * speed / k_on, 0.5
-    steps = [
-        HistoryStep(speed=speed, distance=way),
-        HistoryStep(speed=0, duration=hold),
-        HistoryStep(speed=speed, distance=way),
-        HistoryStep(speed=10 * speed, distance=way),
-        HistoryStep(speed=speed, distance=way),
-    ]
-    model, expected = Transport(k_on), []
-    for step in steps:
-        moving = step.distance is not None
-        span = step.distance / step.speed if moving else step.duration
-        fine = np.linspace(0, span, 6001) if moving else np.append(0, np.geomspace(1e-6, 1, 3000) * span)
-        expected.append((fine, model.run(step.speed, fine)))
-    runs = [slid(lattice, steps, seed) for seed in range(replicas)]
-
-    def compare(what, own, mean):
-        own = np.array(own) / n
-        # as rare as beyond three standard errors
-        error = student.ppf(0.99865, replicas - 1) * own.std(ddof=1) / replicas**0.5
-        assert abs(own.mean() - mean) < max(error, 0.01 * mean), (what, own.mean() / mean - 1, error / mean)
-
-    last = expected[0][1][-1500:].mean()
-    compare("steady", [run[0].steady for run in runs], last)
-    compare("after the hold", [run[1].force[-1] for run in runs], expected[1][1][-1])
-    compare("peak", [run[2].peak for run in runs], expected[2][1].max())
-    compare("faster", [run[3].steady for run in runs], expected[3][1][-1500:].mean())
-    compare("peak of the step up", [run[3].peak for run in runs], expected[3][1].max())
-    fine, forces = expected[4]
-    seen = np.interp(runs[0][4].segment.times - runs[0][4].segment.times[0], fine, forces)
-    least = int(np.argmin(seen))
-    compare("least of the step down", [run[4].force[least] for run in runs], seen[least])
-    compare("work", [run[2].work for run in runs], speed * trapezoid(expected[2][1], expected[2][0]))
-    compare("slower", [run[4].steady for run in runs], expected[4][1][-1500:].mean())
-    for run in runs:
-        assert 0 < run[2].peak_at < way
+def test_slide_hold_slide_and_velocity_steps_against_the_transport_equation(k_on, speed, bonds):
+    """Steady force, force after a short and a long hold, peaks of sliding again, and a velocity step up and down."""
+    found = slip_figures(k_on, speed, bonds, 1e6, 20)
+    name, (off, error) = found.popitem()
+    # the largest force of a replica is not less than the force where it is largest in the mean
+    assert off > -4.5 * error, name
+    for name, (off, error) in found.items():
+        assert abs(off) <= 4.5 * error, (name, off, error)
 
 
 def test_a_rest_keeps_the_stretch_of_bonds_and_the_force_of_the_spring():
@@ -133,10 +119,9 @@ def test_a_rest_keeps_the_stretch_of_bonds_and_the_force_of_the_spring():
         steps = [HistoryStep(speed=0, duration=5.0), HistoryStep(speed=10, distance=0.01)]
         state = start
         for segment in segments(steps):
-            moved = segment.times + start.time
-            segment = type(segment)(moved, None, None, segment.speed, segment.spring)
+            segment = replace(segment, times=segment.times + start.time)
             state = follow(segment, lattice, state, ca.engine("auto"), drive, temperature=300)
-            if not segment.speed:
+            if not segment.driven:
                 np.testing.assert_array_equal(state.stretch, start.stretch)
                 assert state.force[-1] == pytest.approx(start.force[-1], rel=1e-12)
         assert state.force[-1] > start.force[-1]
@@ -179,65 +164,170 @@ def test_sites_that_leave_take_their_share_of_the_force(spring):
 # -- chains -----------------------------------------------------------------------------------------------------------
 
 
-def random_steps(rng: np.random.Generator) -> list[HistoryStep]:
+def random_steps(rng: np.random.Generator) -> list[dict]:
+    """Rests and slips under loads, temperatures and springs, some of which go linearly in time."""
     steps = []
     for _ in range(rng.integers(2, 9)):
         driven = rng.random() < 0.5
-        span = {"distance": rng.uniform(0.05, 0.5)} if driven else {"duration": 10 ** rng.uniform(-3, 1)}
-        more = {"temperature": rng.uniform(280, 320)} if rng.random() < 0.4 else {}
-        more |= {"spring": rng.choice(["rigid", "500 nN/nm"])} if rng.random() < 0.3 else {}
+        step = {"distance": rng.uniform(0.05, 0.5)} if driven else {"duration": 10 ** rng.uniform(-3, 1)}
         speed = 10 ** rng.uniform(0, 4) if driven else 0.0
-        steps.append(HistoryStep(speed=speed, points=int(rng.integers(3, 12)), **span, **more))
+        step["speed"] = {"to": speed} if driven and rng.random() < 0.3 else speed
+        if rng.random() < 0.5:
+            load = rng.uniform(5, 120)
+            step["load"] = {"to": load, "contacts": int(rng.integers(1, 4))} if rng.random() < 0.3 else load
+        if rng.random() < 0.5:
+            kelvin = rng.uniform(280, 320)
+            step["temperature"] = {"to": kelvin} if rng.random() < 0.5 else kelvin
+        if rng.random() < 0.3:
+            step["spring"] = str(rng.choice(["rigid", "500 nN/nm"]))
+        steps.append({**step, "points": int(rng.integers(3, 12))})
     return steps
 
 
-def chain_trial(seed: int) -> None:
-    """At once, by hand, and stopped within and after each step and resumed: the same bytes."""
-    rng = np.random.default_rng(seed)
-    n, steps = int(rng.integers(1, 80)), random_steps(rng)
-    forming, breaking = 0.65 + 0.05 * rng.standard_normal(n), 0.8 + 0.03 * rng.standard_normal(n)
-    lattice, slider = lattice_of(n, forming, breaking), SLIDER
-    kind = str(rng.choice(["auto", "rejection-free", "bkl", "next-reaction", "independent"]))
-    engine, state, by_hand, in_pieces = ca.engine(kind), None, None, None
-    for segment in segments(steps):
-        kelvin = segment.temperature or 300.0
-        how = {"temperature": kelvin, "seed": seed}
-        state = follow(segment, lattice, state, engine, slider, **how)
-        moves = segment.speed > 0 or isinstance(by_hand, PullHistory)
-        drive = slider.at(segment)
-        if moves:
-            begun = by_hand.handed_on() if isinstance(by_hand, PullHistory) else by_hand
-            by_hand = pull(slider.engine, lattice, drive, segment.times, start=begun, **how)
-        else:
-            by_hand = run_kinetics(engine, lattice, segment.times, start=by_hand, **how)
-        first = True
-        for time in np.split(segment.times, [int(rng.integers(1, segment.times.size))]):
+class ChainTrial:
+    """A random programme on up to 72 sites, at once, by hand, and stopped and resumed."""
+
+    def __init__(self, seed: int) -> None:
+        rng = self.rng = np.random.default_rng(seed)
+        self.seed, self.solver = seed, Rows()
+        self.surface = ca.Surface(heights=np.zeros((12, 6)), pixel_size=1.7, periodic=True)
+        self.contact = self.solver.solve(self.surface, 60.0)
+        kinds = ["auto", "rejection-free", "bkl", "next-reaction", "independent"]
+        self.engine = ca.engine(str(rng.choice(kinds)))
+        pairs = ca.interaction("elastic-pairs", strength=0.05, bias=0.1)
+        self.chemistry = ca.chemistry(
+            forming=ca.barriers("gaussian", mean=0.65, std=0.05),
+            breaking=ca.barriers("gaussian", mean=0.8, std=0.03),
+            activation_volume=0.0064,
+            interaction=pairs if self.engine.interacting and rng.random() < 0.6 else None,
+            site_density="pixel",
+        )
+        self.slider = SLIDER.replace(partner=str(rng.choice(["kept", "new"])))
+        self.programme = Programme(protocol={"kind": "steps", "step": random_steps(rng)}, drive=self.slider)
+
+    def at_once(self, **options):
+        return ca.age(
+            self.contact, self.chemistry, engine=self.engine, hold_times=self.programme.times(), temperature=300,
+            replicas=1, seed=self.seed, method=self.programme, surface=self.surface, solver=self.solver, **options,
+        )  # fmt: skip
+
+    def by_hand(self, whole) -> None:
+        """Every step by the engine itself, in one piece and in two."""
+        seeds = replica_seeds(self.seed, 0, "none", identity(self.contact, self.chemistry, self.engine, 300.0))
+        pieces = []
+        for segment in self.programme.segments:
+            load = 60.0 if segment.first.load is None else segment.first.load
+            loads = np.linspace(load, segment.last.load, segment.contacts + 1) if segment.contacts else [load]
+            parts = [*segment.parts(300.0)] if segment.contacts else [segment]
+            pieces += [(segment, part, float(load)) for part, load in zip(parts, loads, strict=True)]
+        contacts = {load: self.solver.solve(self.surface, load) for _, _, load in pieces}
+        built = [self.chemistry.on(contact, seeds.disorder) for contact in contacts.values()]
+        lattices = dict(zip(contacts, on_all_sites(built), strict=True))
+        state, cut, before, bonds = None, None, None, []
+        for segment, part, load in pieces:
+            lattice, times = lattices[load], part.times
+            first, last = part.first, part.last
+            if before is not None and lattice is not before:
+                gone, change = lattice.forming > 500, lattice.forming - before.forming
+                state, cut = (one.without(gone).raised(change) for one in (state, cut))
+            before = lattice
+            how = {
+                "temperature": first.temperature or 300.0, "seed": seeds.noise,
+                "contact": contacts[load], "chemistry": self.chemistry,
+            }  # fmt: skip
+            heated = last.temperature != first.temperature
+            moves = first.speed + last.speed > 0 or isinstance(state, PullHistory)
+            ramped = heated or first.speed != last.speed
+            if ramped:
+                kelvin = last.temperature if heated else None
+                how["ramp"] = Ramp(kelvin, speed=last.speed if first.speed != last.speed else None)
+
+            def run(start, times, lattice=lattice, moves=moves, first=first, how=how):
+                if moves:
+                    return pull(self.slider.engine, lattice, self.slider.at(first), times, start=start, **how)
+                return run_kinetics(self.engine, lattice, times, start=start, **how)
+
+            def own(start):
+                return start.handed_on() if isinstance(start, PullHistory) else start
+
+            state = run(own(state), times)
+            cut = own(cut)
+            for time in [times] if ramped else np.split(times, [int(self.rng.integers(1, times.size))]):
+                if time.size:
+                    cut = run(cut, time)
+            names = ("state", "stretch", "forming") if moves else ("state",)
+            for name in names:
+                np.testing.assert_array_equal(getattr(state, name), getattr(cut, name))
+            assert state.bonds[-1] == cut.bonds[-1]
             if moves:
-                handed = first and isinstance(in_pieces, PullHistory)
-                begun = in_pieces.handed_on() if handed else in_pieces
-                in_pieces = pull(slider.engine, lattice, drive, time, start=begun, **how)
-            else:
-                in_pieces = run_kinetics(engine, lattice, time, start=in_pieces, **how)
-            first = False
-        assert state.digest() == by_hand.digest()
-        for name in ("state", *(("stretch", "forming") if moves else ())):
-            np.testing.assert_array_equal(getattr(state, name), getattr(in_pieces, name))
-        assert state.bonds[-1] == in_pieces.bonds[-1]
+                assert (state.force[-1], state.work[-1], state.peak) == (cut.force[-1], cut.work[-1], cut.peak)
+            bonds.append(state.bonds[:-1] if segment.contacts else state.bonds)
+        np.testing.assert_array_equal(whole.bonds[0], np.concatenate(bonds))
         if moves:
-            assert (state.force[-1], state.work[-1]) == (in_pieces.force[-1], in_pieces.work[-1])
-            assert state.peak == in_pieces.peak
+            assert whole.friction_drop[0, -1] == state.force[-1]
+        assert whole.observables["step_load"][0, -1] == load
+
+    def resumed(self, whole, folder) -> None:
+        """Steps that were not finished are run again."""
+        self.at_once(checkpoints=folder)
+        files = sorted(folder.glob("replica-*"))
+        assert files
+        for file in files[int(self.rng.integers(0, len(files))) :]:
+            file.unlink()
+        assert self.at_once(checkpoints=folder).digest() == whole.digest()
+
+
+def chain_trial(seed: int, folder) -> None:
+    """The same bytes whatever the way."""
+    trial = ChainTrial(seed)
+    whole = trial.at_once()
+    trial.by_hand(whole)
+    trial.resumed(whole, folder)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_random_programmes_at_once_by_hand_and_in_pieces(seed):
-    chain_trial(seed)
+def test_random_programmes_at_once_by_hand_and_in_pieces(seed, tmp_path):
+    chain_trial(seed, tmp_path)
 
 
 @pytest.mark.campaign
 @pytest.mark.long
-def test_two_hundred_random_programmes():
+def test_two_hundred_random_programmes(tmp_path):
     for seed in range(100, 300):
-        chain_trial(seed)
+        chain_trial(seed, tmp_path / str(seed))
+
+
+@pytest.mark.parametrize("partner", ["kept", "new"])
+@pytest.mark.parametrize("kind", ["rejection-free", "bkl", "next-reaction", "independent", "pull"])
+def test_noise_of_steps_with_one_seed_is_uncorrelated(kind, partner):
+    """Every step has the equilibrium at its end, so that bonds of different steps have nothing but noise in common."""
+    chemistry = ca.chemistry(
+        forming={"kind": "gaussian", "mean": 0.7, "std": 0.0}, breaking={"kind": "gaussian", "mean": 0.7, "std": 0.0},
+        site_density="pixel",
+    )  # fmt: skip
+    loads, replicas = [100.0, 50.0, 100.0, 150.0, 100.0, 100.0], 300
+    steps = [{"load": load, "duration": 1.0, "points": 1} for load in loads]
+    steps[4]["temperature"] = {"to": 300.0}
+    drive = SLIDER.replace(partner=partner)
+    if kind == "pull":
+        # by so little that no bond notices
+        steps[0] |= {"speed": 1e-6, "duration": 1e-9}
+        steps[1]["speed"] = 0.0
+        loads, steps = [100.0, *loads], [*steps[:1], {**steps[0], "duration": 1.0}, *steps[1:]]
+    flat, solver = ca.Surface(heights=np.zeros((20, 10)), pixel_size=1.0, periodic=True), Rows()
+    programme = Programme(protocol={"kind": "steps", "step": steps}, drive=drive)
+    found = ca.age(
+        solver.solve(flat, loads[0]), chemistry, engine=ca.engine("auto" if kind == "pull" else kind),
+        hold_times=programme.times(), temperature=300, replicas=replicas, method=programme, surface=flat, solver=solver,
+    )  # fmt: skip
+    last = len(loads) - 6
+    bonds = np.stack([found.observables[f"bonds_{k}"] for k in range(last, len(loads))])
+    for row, load in zip(bonds, loads[last:], strict=True):
+        assert abs(row.mean() - 5 * load / 10) < 4.5 * np.sqrt(2.5 * load / 10 / replicas)
+        assert row.std() == pytest.approx(np.sqrt(2.5 * load / 10), rel=0.2)
+    off = np.corrcoef(bonds)[np.triu_indices(6, 1)]
+    assert np.abs(off).max() < 4.2 / np.sqrt(replicas)
+    assert np.sum(off**2) * replicas < chi2.isf(1e-4, off.size)
 
 
 def scene(**changes) -> ca.Scene:

@@ -138,6 +138,62 @@ def test_bonds_that_are_pulled_break_by_their_integrated_hazard(shape, kelvin, c
     assert abs(pulled.imbalance).max() < 1e-9
 
 
+@pytest.mark.parametrize(("first", "last"), [(0.0, 0.2), (0.2, 0.0), (0.02, 0.15)])
+@pytest.mark.parametrize("kelvin", [300.0, 320.0])
+def test_a_drive_whose_speed_changes_breaks_bonds_by_their_integrated_hazard(first, last, kelvin):
+    copies, times = 5000, np.linspace(0.0, 10.0, 21)
+    lattice, drive = plain(copies, 5.0, 0.85), pulled_at("constant").replace(speed=first)
+    pulled = chemage.pulling("event-driven").run(
+        lattice, drive, times, temperature=KELVIN, seed=2, start=np.ones(copies, bool), ramp=Ramp(kelvin, speed=last)
+    )
+    way = first * times + (last - first) * times**2 / 20
+    np.testing.assert_allclose(pulled.displacement, way, rtol=1e-12, atol=1e-14)
+    assert pulled.drive["speed"] == last
+
+    def hazard(time: float) -> float:
+        thermal = KB * (KELVIN + (kelvin - KELVIN) * time / 10.0)
+        stretch = first * time + (last - first) * time**2 / 20
+        return NU * math.exp(-max(0.85 - stretch * 0.8 * 0.1 * EV_PER_GPA_NM3, 0.0) / thermal)
+
+    past = solve_ivp(
+        lambda time, _: [hazard(time)], (0, 10), [0.0], t_eval=times, rtol=1e-9, atol=1e-12, method="LSODA"
+    )
+    alive = np.exp(-past.y[0])
+    assert np.all(np.abs(pulled.bonds - copies * alive) < 4.5 * np.sqrt(copies * alive * (1 - alive)) + 0.5)
+    assert abs(pulled.imbalance).max() < 1e-9
+    fewer = chemage.pulling("event-driven").run(
+        lattice,
+        drive,
+        times[[7, -1]],
+        temperature=KELVIN,
+        seed=2,
+        start=np.ones(copies, bool),
+        ramp=Ramp(kelvin, speed=last),
+    )
+    assert np.array_equal(fewer.state, pulled.state)
+    assert fewer.force[-1] == pulled.force[-1]
+
+
+@pytest.mark.parametrize(("first", "last"), [(0.0, 2.0), (2.0, 0.0), (0.5, 1.5)])
+def test_a_spring_whose_end_accelerates_is_in_balance(first, last):
+    """K(x − X) = n κ X + friction once it pulls as much; nothing reacts."""
+    copies, times = 50, np.linspace(0.0, 3.0, 31)
+    lattice = plain(copies, 6.0, 6.0)
+    drive = Drive(speed=first, spring=30.0, friction=5.0, bond_stiffness=0.8, transition_distance=1e-4, partner="kept")
+    how = {"temperature": KELVIN, "start": np.ones(copies, bool), "ramp": Ramp(speed=last)}
+    pulled = chemage.pulling("event-driven").run(lattice, drive, times, **how)
+    way = first * times + (last - first) * times**2 / 6
+    slider = np.maximum(30.0 * way - 5.0, 0.0) / (30.0 + 40.0)
+    np.testing.assert_allclose(pulled.displacement, slider, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(pulled.force, 30.0 * (way - slider), rtol=1e-9, atol=1e-12)
+    assert abs(pulled.imbalance).max() < 1e-9
+
+
+def test_a_speed_of_a_hold_is_refused():
+    with pytest.raises(InputError, match="to a pull alone"):
+        chemage.engine("bkl").run(plain(10, 0.8, 0.9), [1.0], temperature=KELVIN, ramp=Ramp(speed=1.0))
+
+
 def pulled_at(shape: str) -> Drive:
     return Drive(speed=0.1, bond_stiffness=0.8, transition_distance=0.1, partner="kept", shape=shape)
 

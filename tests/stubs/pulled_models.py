@@ -99,6 +99,58 @@ class Independent:
         return self.drive.bond_stiffness * self.integral(s * shape * (c + gained))
 
 
+class Transport:
+    """∂n/∂t + V ∂n/∂s = −k(s) n of equal sites, unstretched bonds forming at k_on on those that are free.
+
+    Cohorts of bonds go along the characteristics; in a step of time, of second order, bonds break at a constant rate
+    per site and the free sites relax towards it, so that k_on may be fast.
+    """
+
+    def __init__(self, model: Independent) -> None:
+        """In the steady sliding of ``model``."""
+        self.model = model
+        s = model.stretch
+        density = model.survival / (model.speed / model.k_on + float(np.real(model.integral(model.survival))))
+        self.amount = (density[1:] + density[:-1]) / 2 * np.diff(s)
+        self.stretch = (s[1:] + s[:-1]) / 2
+
+    def breaking(self, stretch: np.ndarray) -> np.ndarray:
+        """Hz, at a constant distance to the transition state."""
+        drive = self.model.drive
+        lowered = drive.bond_stiffness * stretch * drive.transition_distance / EV_PER_NM
+        return 1e13 * np.exp(-np.maximum(self.model.breaking - lowered, 0.0) / KT)
+
+    @property
+    def moments(self) -> tuple[float, float]:
+        """Of the force of a site, nN: mean and variance."""
+        force = self.model.drive.bond_stiffness * self.stretch
+        mean = float(force @ self.amount)
+        return mean, float(force**2 @ self.amount) - mean**2
+
+    def run(self, speed: float, times: np.ndarray) -> np.ndarray:
+        """(m, 2) moments at each of ``times`` (s), from the first of them on; each is one step."""
+        found, k_on = [self.moments], self.model.k_on
+        for span in np.diff(times):
+            way = speed * span
+            lasts = np.exp(-span * self.breaking(self.stretch + way / 2))
+            free = 1 - self.amount.sum()
+            lost = float(self.amount @ -np.expm1(-span * self.breaking(self.stretch + way / 2)))
+            young = -np.expm1(-span / 2 * float(self.breaking(np.array([way / 4]))[0]))
+            # sites that new bonds free again are few, and bind anew
+            level = lost / (span * k_on)
+            left = level + (free - level) * np.exp(-span * k_on)
+            born = (lost + free - left) * (1 - young)
+            self.stretch = np.append(self.stretch + way, way / 2)
+            self.amount = np.append(self.amount * lasts, born)
+            if speed == 0 and self.stretch.size > 1 and self.stretch[-2] == 0:
+                self.amount[-2] += self.amount[-1]
+                self.stretch, self.amount = self.stretch[:-1], self.amount[:-1]
+            alive = self.amount > 1e-16 * self.amount.sum()
+            self.stretch, self.amount = self.stretch[alive], self.amount[alive]
+            found.append(self.moments)
+        return np.array(found)
+
+
 def patches(count: int, seed: int, forming: float = 0.42, breaking: float = 1.1) -> ca.ReactionLattice:
     """``count`` equal patches of 3 × 3 interacting sites, far from each other."""
     rng = np.random.default_rng(seed)
