@@ -3,7 +3,9 @@
 python tests/benchmarks/histories.py loads --pixels 512 --count 20
 python tests/benchmarks/histories.py holds --sites 1000000
 python tests/benchmarks/histories.py chains --count 200
-python tests/benchmarks/histories.py slip --decades 5
+python tests/benchmarks/histories.py slip
+python tests/benchmarks/histories.py maximum
+python tests/benchmarks/histories.py peaks
 """
 
 from __future__ import annotations
@@ -117,9 +119,31 @@ def slip(decades: int, bonds: float, most: float) -> None:
         )
 
 
+def maximum(decades: int, bonds: float) -> None:
+    """Where steady friction is largest (Schallamach), over k_on."""
+    from test_slip import place_of_maximum
+
+    for k_on in 10.0 ** np.arange(decades):
+        exact, found, error = place_of_maximum(k_on, bonds, 20)
+        print(f"k_on {k_on:g}/s: V*/k_on {exact:.5f} nm, measured {found:.5f} ± {error:.5f} nm", flush=True)
+
+
+def peaks() -> None:
+    """The peak of a pull of sites all of which are bonded at first, over κ max(sS), towards slow pulls."""
+    from test_slip import peak_after_rest
+
+    for speed in 10.0 ** np.arange(-4, 5):
+        force, mean, error, old = peak_after_rest(1.0, speed, 1_000_000)
+        print(
+            f"{speed:g} nm/s: {force:.4f} ± {error:.4f} nN per site (transport equation {mean:.4f}), "
+            f"{force / old:.3f} of that of old bonds alone",
+            flush=True,
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["loads", "holds", "chains", "slip"])
+    parser.add_argument("what", choices=["loads", "holds", "chains", "slip", "maximum", "peaks"])
     parser.add_argument("--pixels", type=int, default=512)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--sites", type=int, default=1_000_000)
@@ -133,6 +157,10 @@ def main() -> None:
         holds(chosen.sites)
     elif chosen.what == "slip":
         slip(chosen.decades, chosen.bonds, chosen.most)
+    elif chosen.what == "maximum":
+        maximum(chosen.decades, chosen.bonds)
+    elif chosen.what == "peaks":
+        peaks()
     else:
         chains(chosen.count)
 

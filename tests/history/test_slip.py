@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pulled_models import KT, Independent, Transport, drive_of, lattice_of
 from rows_in_contact import Rows
+from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 import chemage as ca
@@ -34,7 +35,7 @@ def slip_figures(k_on: float, speed: float, bonds: float, most: float, replicas:
     """
     model = Independent(speed, drive_of(speed), 0.8, KT * np.log(1e13 / k_on))
     faster = Independent(10 * speed, drive_of(10 * speed), 0.8, model.forming)
-    stretch = float(np.real(model.integral(model.survival)))
+    stretch = model.mean_stretch
     theta = stretch / (speed / model.k_on + stretch)
     n = int(min(bonds / theta, most) / replicas)
     cycles = max(40.0, bonds / (n * replicas * theta))
@@ -59,7 +60,7 @@ def slip_figures(k_on: float, speed: float, bonds: float, most: float, replicas:
     long = max(3 / model.k_on, stretch / speed)
     add("after a long hold", 0.0, np.append(0, np.geomspace(1e-4 * rest / long, 1, 1500)) * long, lambda force: -1)
     add("peak after that", speed, way / speed, np.argmax)
-    on = 8 * float(np.real(faster.integral(faster.survival))) * np.linspace(0, 1, 2001)
+    on = 8 * faster.mean_stretch * np.linspace(0, 1, 2001)
     add("peak of the step up", 10 * speed, on / speed / 10, np.argmax)
     add("faster", 10 * speed, 4 * on / speed / 10, lambda force: 1000)
     exact["faster"] = faster.mean_force
@@ -108,6 +109,73 @@ def test_slide_hold_slide_and_velocity_steps_against_the_transport_equation(k_on
     assert off > -4.5 * error, name
     for name, (off, error) in found.items():
         assert abs(off) <= 4.5 * error, (name, off, error)
+
+
+def peak_after_rest(k_on: float, speed: float, n: int, seed: int = 0) -> tuple[float, float, float, float]:
+    """Force per site of n sites in a pull that begins with all of them bonded, when it is largest in the mean: of the
+    engine, of the transport equation, its standard error, and κ max(sS)."""
+    model = Independent(speed, drive_of(speed), 0.8, KT * np.log(1e13 / k_on))
+    fine = np.linspace(0, 8 * model.mean_stretch / speed, 4001)
+    moments = Transport(model, 1.0).run(speed, fine)
+    at = int(np.argmax(moments[:, 0]))
+    lattice, drive = lattice_of(n, model.forming, 0.8), drive_of(speed)
+    pulled = pull(SLIDER.engine, lattice, drive, fine[[at]], temperature=300, seed=seed, start=np.ones(n, bool))
+    mean, variance = moments[at]
+    return pulled.force[-1] / n, mean, (variance / n) ** 0.5, model.peak_of_old_bonds
+
+
+@pytest.mark.parametrize(("speed", "low", "high"), [(10.0, 0.999, 1.001), (1.0, 0.999, 1.01), (1e-3, 1.4, 2.0)])
+def test_the_peak_after_a_rest_is_that_of_old_bonds_where_none_form_during_the_pull(speed, low, high):
+    """κ max(sS) where k_on × the time of the pull is small, here 0.006 for 10 nm/s; more where it is not."""
+    force, mean, error, old = peak_after_rest(1.0, speed, 200_000)
+    assert abs(force - mean) < 4.5 * error
+    assert low < mean / old < high
+
+
+def place_of_maximum(k_on: float, bonds: float, replicas: int) -> tuple[float, float, float]:
+    """The speed of the largest steady force over k_on, nm: of the closed form, of the engine, and its error.
+
+    The forces at seven speeds over those of the closed form are a quadratic in log V, by which its maximum moves.
+    """
+    forming = KT * np.log(1e13 / k_on)
+
+    def force(log: float) -> float:
+        return Independent(np.exp(log), drive_of(np.exp(log)), 0.8, forming).mean_force
+
+    width = np.log(100.0)
+    around = np.log(0.012 * k_on)
+    best = minimize_scalar(lambda log: -force(log), bounds=(around - width, around + width), method="bounded")
+    logs = best.x + np.linspace(-1.5, 1.5, 7)
+    ratios = np.empty((replicas, logs.size))
+    for column, log in enumerate(logs):
+        speed = float(np.exp(log))
+        model = Independent(speed, drive_of(speed), 0.8, forming)
+        cycle = model.mean_stretch + speed / k_on
+        n = int(bonds * cycle / model.mean_stretch / replicas)
+        times = np.array([20, 60]) * cycle / speed
+        for seed in range(replicas):
+            how = {"temperature": 300, "seed": seed}
+            pulled = pull(SLIDER.engine, lattice_of(n, forming, 0.8), drive_of(speed), times, **how)
+            work = np.diff(pulled.work)[0] / (np.diff(times)[0] * speed * n)
+            ratios[seed, column] = work / model.mean_force - 1
+
+    def maximum(ratio: np.ndarray) -> float:
+        fit = np.polynomial.Polynomial.fit(logs, ratio, 2)
+        found = minimize_scalar(lambda log: -force(log) * (1 + fit(log)), bounds=(logs[0], logs[-1]), method="bounded")
+        return float(np.exp(found.x))
+
+    left = [maximum(np.delete(ratios, seed, axis=0).mean(axis=0)) for seed in range(replicas)]
+    error = np.std(left) * (replicas - 1) ** 0.5
+    return float(np.exp(best.x)) / k_on, maximum(ratios.mean(axis=0)) / k_on, float(error) / k_on
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("k_on", "place"), [(1.0, 0.0229), (1e3, 0.0105)])
+def test_the_place_of_schallamachs_maximum(k_on, place):
+    exact, found, error = place_of_maximum(k_on, 2e4, 10)
+    assert exact == pytest.approx(place, rel=0.005)
+    assert abs(found - exact) < 4.5 * error
+    assert error < 0.05 * exact
 
 
 def test_a_rest_keeps_the_stretch_of_bonds_and_the_force_of_the_spring():

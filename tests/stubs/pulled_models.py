@@ -69,6 +69,16 @@ class Independent:
         below = v / self.k_on + float(np.real(self.integral(survival)))
         return self.drive.bond_stiffness * float(np.real(self.integral(s * survival))) / below
 
+    @property
+    def peak_of_old_bonds(self) -> float:
+        """κ max(sS), nN per bond of a contact none of whose sites binds again while it is pulled."""
+        return self.drive.bond_stiffness * float((self.stretch * self.survival).max())
+
+    @property
+    def mean_stretch(self) -> float:
+        """At which a bond breaks, nm."""
+        return float(np.real(self.integral(self.survival)))
+
     def critical(self) -> tuple[float, float]:
         """The stiffness per site below which steady sliding is unstable, and the frequency (rad/s) that grows first.
 
@@ -106,9 +116,12 @@ class Transport:
     per site and the free sites relax towards it, so that k_on may be fast.
     """
 
-    def __init__(self, model: Independent) -> None:
-        """In the steady sliding of ``model``."""
+    def __init__(self, model: Independent, rested: float | None = None) -> None:
+        """In the steady sliding of ``model``, or ``rested`` with so large a share of bonds."""
         self.model = model
+        if rested is not None:
+            self.amount, self.stretch = np.array([rested]), np.zeros(1)
+            return
         s = model.stretch
         density = model.survival / (model.speed / model.k_on + float(np.real(model.integral(model.survival))))
         self.amount = (density[1:] + density[:-1]) / 2 * np.diff(s)
