@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.stats import chi2
 
 import chemage as ca
 from chemage.ageing.replicas import identity, replica_seeds
+from chemage.cli.app import main
 from chemage.plugin import PullHistory, Ramp, pull, run_kinetics
 from chemage_history import HistoryStep, Programme, Slider
 from chemage_history.programme import follow, on_all_sites, state_of
@@ -436,6 +438,66 @@ def test_a_scene_of_steps_is_stored_resumed_swept_and_drawn(tmp_path, monkeypatc
     assert seen["step_lost"][:, 3].min() > 0
     study = ca.sweep({**own.todict(), "sweep": {"step.1.speed": [10, 1000]}}, tmp_path / "sweep")
     assert len({point.summary["observables"]["peak_1"]["mean"] for point in study}) == 2
+
+
+def test_a_mean_of_a_measure_of_a_step_is_as_accurate_as_asked():
+    """It holds the mean of many other replicas."""
+    own = scene(step=STEPS[:2])
+    mean = ca.ensemble(own, accuracy={"observable.peak_1": "8 %"})
+    peak = mean.estimate("observable.peak_1")
+    assert peak.half_width <= 0.08 * peak.value
+    many = ca.run(own.with_hold(replicas=100, seed=77), warn=False)
+    peaks = many.aging.observables["peak_1"]
+    error = np.hypot(peak.half_width / 2, peaks.std() / peaks.size**0.5)
+    assert abs(peak.value - peaks.mean()) < 4 * error
+
+
+@pytest.mark.long
+def test_an_accuracy_of_a_step_is_asked_for_on_the_command_line(tmp_path, monkeypatch):
+    path = str(tmp_path / "mean.h5")
+    monkeypatch.setattr(
+        sys, "argv", ["chemage", "run", "silica-history", "--accuracy", "observable.peak_1=10%", "-o", path]
+    )
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code in (None, 0)
+    peak = ca.read(path).estimate("observable.peak_1")
+    assert 0 < peak.half_width <= 0.1 * peak.value
+
+
+@pytest.mark.long
+def test_a_mean_over_random_surfaces_whose_load_changes_is_as_accurate_as_asked(tmp_path):
+    data = ca.load_scene("silica-patch").todict()
+    for name in ("fit", "observe"):
+        data.pop(name, None)
+    data["surface"] |= {"pixels": 64, "zeta": 10}
+    data["contact"]["load"] = 50.0
+    data["hold"] = {"temperature": 300}
+    ramp = {"load": {"to": 100.0, "contacts": 2}, "duration": 1}
+    mean = ca.ensemble({**data, "step": [{"duration": 10}, ramp]}, accuracy={"observable.bonds_1": "20 %"})
+    bonds = mean.estimate("observable.bonds_1")
+    assert 0 < bonds.half_width <= 0.2 * bonds.value
+
+
+@pytest.mark.parametrize(
+    ("axis", "values", "seen"),
+    [
+        ("step.0.duration", [0.1, 10], "bonds_0"),
+        ("step.1.distance", [0.2, 0.8], "work_1"),
+        ("step.1.spring", ["100 nN/nm", "rigid"], "work_1"),
+        ("step.2.load", [60, "90 nN"], "bonds_2"),
+        ("step.3.load.to", [20, 60], "bonds_4"),
+        ("step.3.speed.to", [1e2, 1e4], "peak_3"),
+        ("step.4.temperature", [290, "330 K"], "bonds_4"),
+        ("drive.bond_stiffness", [5, 10], "peak_1"),
+    ],
+)
+def test_any_number_of_a_step_is_swept(axis, values, seen, tmp_path):
+    ramps = {**STEPS[3], "load": {"to": 30, "contacts": 2}, "speed": {"to": 1000}}
+    steps = [*STEPS[:3], ramps, STEPS[4]]
+    steps[1] = {**steps[1], "spring": "rigid"}
+    study = ca.sweep({**scene(step=steps).todict(), "sweep": {axis: values}}, tmp_path / "sweep")
+    assert len({point.summary["observables"][seen]["mean"] for point in study}) == 2
 
 
 @pytest.mark.parametrize(
