@@ -21,7 +21,7 @@ from chemage.foundation.checks import (
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
-from chemage.foundation.outputs import kept, recording
+from chemage.foundation.outputs import recording
 from chemage.foundation.records import Doubles, Flags, Indices, Number, Plain
 from chemage.foundation.result import (
     Medium,
@@ -235,7 +235,7 @@ class PullHistory(Followed):
         )
 
     @classmethod
-    def of_parts(cls, parts: Sequence[Self]) -> Self:
+    def of_parts(cls, parts: Sequence[Any]) -> Self:
         """See :meth:`Followed.of_parts`; the peak is that of all."""
         highest = max(parts, key=lambda one: one.peak)
         peak = ("peak", "peak_displacement", "peak_time")
@@ -424,13 +424,7 @@ class Pulling(Component, ABC):
                 pulled = self._follow_ramp(
                     lattice, drive, moments, kelvin, ramp, *rest
                 )
-        if isinstance(start, Followed):
-            pulled = pulled.model_copy(
-                update={"resume": {**counters_of(start.resume), **pulled.resume}}
-            )
-        return (
-            pulled.model_copy(update=kept(pulled, recorded)) if recorded else pulled
-        )
+        return pulled.finished(start, recorded)
 
 
 def pulling(kind: str, **options: Any) -> Any:

@@ -16,7 +16,7 @@ from chemage.foundation.checks import (
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
-from chemage.foundation.outputs import Observing, joined
+from chemage.foundation.outputs import Observing, joined, kept
 from chemage.foundation.records import (
     Doubles,
     Flags,
@@ -109,7 +109,7 @@ class Followed(Observing, Record):
         return self.model_copy(update={**last, "outputs": {}, **changes})
 
     @classmethod
-    def of_parts(cls, parts: Sequence[Self]) -> Self:
+    def of_parts(cls, parts: Sequence[Any]) -> Self:
         """The history of what was followed in ``parts``, the last time of each of which is none of the whole; without
         what is pending."""
         last, along = parts[-1], list(cls.arrays[cls.of_times][0])
@@ -123,6 +123,14 @@ class Followed(Observing, Record):
             if output["dims"][:1] == along
         }
         return last.model_copy(update={**whole, "resume": counters_of(last.resume)})
+
+    def finished(self, start: Any, recorded: Any) -> Self:
+        """The same with the counters of ``start`` that its engine does not know, and what was recorded on the way."""
+        changes = kept(self, recorded)
+        if isinstance(start, Followed):
+            resume = {**counters_of(start.resume), **self.resume}
+            changes = {**changes, "resume": resume}
+        return self.model_copy(update=changes) if changes else self
 
     def raised(self, change: np.ndarray) -> Self:
         """The same where the forming barriers of the lattice are higher by ``change``, (n,) eV."""

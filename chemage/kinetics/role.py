@@ -19,9 +19,9 @@ from chemage.foundation.checks import (
 )
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
-from chemage.foundation.outputs import kept, recording
+from chemage.foundation.outputs import recording
 from chemage.foundation.units import QuantityLike
-from chemage.kinetics.history import BondHistory, checked_start, counters_of
+from chemage.kinetics.history import BondHistory, checked_start
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.lattice import ReactionLattice
 from chemage.plugins import registry
@@ -226,16 +226,7 @@ class Engine(Component, ABC):
                 history = self._follow_ramp(
                     lattice, times, kelvin, ramp, seed, start
                 )
-        if isinstance(start, BondHistory):
-            # an engine hands on the counters that it does not know
-            history = history.model_copy(
-                update={"resume": {**counters_of(start.resume), **history.resume}}
-            )
-        return (
-            history.model_copy(update=kept(history, recorded))
-            if recorded
-            else history
-        )
+        return history.finished(start, recorded)
 
     def checked(
         self,

@@ -8,7 +8,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from chemage import ContactSolution, InputError, ReactionLattice, solve_contact
+from chemage import (
+    Chemistry,
+    ContactSolution,
+    InputError,
+    ReactionLattice,
+    solve_contact,
+)
 from chemage.plugin import (
     AgedBonds,
     AgeingMethod,
@@ -20,6 +26,7 @@ from chemage.plugin import (
     Output,
     PullHistory,
     Ramp,
+    Seed,
     build_lattice,
     pull,
     run_kinetics,
@@ -221,11 +228,9 @@ class Programme(AgeingMethod):
                 found.append([contact])
                 continue
             if segment.contacts:
-                ends = [
-                    solver.normal_force(load, surface)
-                    for load in (first, segment.last.load)
-                ]
-                loads = np.linspace(*ends, segment.contacts + 1).tolist()
+                first = solver.normal_force(first, surface)
+                last = solver.normal_force(segment.last.load, surface)
+                loads = np.linspace(first, last, segment.contacts + 1).tolist()
             found.append([])
             for load in loads:
                 if (load, ratio) not in solved:
@@ -274,6 +279,29 @@ class Programme(AgeingMethod):
             approximate=[entry for _, entries in made for entry in entries],
         )
 
+    def _lattices(
+        self,
+        request: AgeingRequest,
+        contacts: list[list[ContactSolution]],
+        disorder: Seed,
+    ) -> dict[Any, tuple[ReactionLattice, Chemistry]]:
+        """Those of a replica on all sites, with their chemistry, by the id of the contact and the humidity."""
+        conditions = {
+            (id(contact), segment.first.humidity): contact
+            for segment, each in zip(self.segments, contacts, strict=True)
+            for contact in each
+        }
+        chemistries = [
+            request.chemistry
+            if humidity is None
+            else request.chemistry.replace(humidity=humidity)
+            for _, humidity in conditions
+        ]
+        pairs = zip(chemistries, conditions.values(), strict=True)
+        built = [build_lattice(one, contact, disorder) for one, contact in pairs]
+        found = zip(on_all_sites(built), chemistries, strict=True)
+        return dict(zip(conditions, found, strict=True))
+
     def _replica(
         self,
         request: AgeingRequest,
@@ -283,24 +311,9 @@ class Programme(AgeingMethod):
         """Its values by name; of what was made on the way plugins and approximations; and notes."""
         seeds = request.seeds(number)
         kelvin = request.temperature
-        conditions = {
-            (id(contact), segment.first.humidity): contact
-            for segment, each in zip(self.segments, contacts, strict=True)
-            for contact in each
-        }
-        chemistries = {
-            humidity: request.chemistry
-            if humidity is None
-            else request.chemistry.replace(humidity=humidity)
-            for _, humidity in conditions
-        }
-        built = [
-            build_lattice(chemistries[humidity], contact, seeds.disorder)
-            for (_, humidity), contact in conditions.items()
-        ]
-        lattices = dict(zip(conditions, on_all_sites(built), strict=True))
-        made = [(one.plugins, one.approximate) for one in built]
-        state, before = None, next(iter(lattices.values()))
+        on = self._lattices(request, contacts, seeds.disorder)
+        made = [(one.plugins, one.approximate) for one, _ in on.values()]
+        state, (before, _) = None, next(iter(on.values()))
         there = before.forming < ABSENT / 2
         notes: dict[str, None] = {}
         steps: list[StepOutcome] = []
@@ -309,7 +322,7 @@ class Programme(AgeingMethod):
             pieces = segment.parts(kelvin) if segment.contacts else [segment]
             humidity = segment.first.humidity
             for piece, contact in zip(pieces, each, strict=True):
-                lattice = lattices[id(contact), humidity]
+                lattice, chemistry = on[id(contact), humidity]
                 if state is not None and lattice is not before:
                     broken = state.broken[-1]
                     state = state_of(state, before, lattice)
@@ -325,7 +338,7 @@ class Programme(AgeingMethod):
                     temperature=kelvin,
                     seed=seeds.noise,
                     contact=contact,
-                    chemistry=chemistries[humidity],
+                    chemistry=chemistry,
                 )
                 at = f"-{len(parts):03d}" if segment.contacts else ""
                 state = request.kept(
@@ -338,8 +351,9 @@ class Programme(AgeingMethod):
                 parts.append(state)
                 made.append((state.plugins, state.approximate))
                 notes |= dict.fromkeys(state.notes)
+            state = parts[-1]
             if segment.contacts:
-                state = type(parts[-1]).of_parts(parts)
+                state = state.of_parts(parts)
             old = int(np.count_nonzero(state.state & there))
             steps.append(StepOutcome.of(segment, state, lost, old))
         assert state is not None

@@ -128,7 +128,7 @@ class Conditions:
     """Of a contact at one time."""
 
     #: nN, or a pressure; None: of the scene
-    load: float | str | None = None
+    load: Any = None
     #: K; None: of the scene
     temperature: float | None = None
     #: None: of the chemistry
@@ -180,15 +180,15 @@ class Segment:
             shares = (number + np.array([-0.5, 0.5])) / self.contacts
             since, until = begin + (end - begin) * shares.clip(0, 1)
             inside = (self.times <= until) & ((self.times > since) | (number == 0))
-            sides = [
+            first, last = (
                 replace(
                     self.last,
                     temperature=float(self.along("temperature", time, kelvin)),
                     speed=float(self.along("speed", time)),
                 )
                 for time in (since, until)
-            ]
-            yield Segment(np.append(self.times[inside], until), *sides)
+            )
+            yield Segment(np.append(self.times[inside], until), first, last)
 
 
 def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
@@ -224,7 +224,7 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
         else:
             back = np.arange(points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
-        contacts = ramps["load"].contacts if "load" in ramps else 0
+        contacts = getattr(ramps.get("load"), "contacts", 0)
         yield Segment(begin + passed, first, last, contacts)
         begin += span
         if not math.isfinite(begin):

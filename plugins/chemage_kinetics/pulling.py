@@ -15,7 +15,6 @@ from chemage.plugin import (
     EV_PER_GPA_NM3,
     KB,
     Drive,
-    Followed,
     Partners,
     PullHistory,
     Pulling,
@@ -92,11 +91,12 @@ class EventDriven(Pulling):
         partners: Partners | None,
     ) -> PullHistory:
         """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
-        begin = start.time if isinstance(start, Followed) else 0.0
+        begin = since = getattr(start, "time", 0.0)
         seen: list[PullHistory] = []
         assert ramp.lattice is not None
         assert ramp.speed is not None
-        span, gain = float(times[-1]) - begin, ramp.speed - drive.speed
+        span = float(times[-1]) - begin
+        rise = (ramp.speed - drive.speed) / span if span else 0.0
         before = lattice.forming
         for part in parts_of(lattice, times, begin, temperature, ramp):
             change = part.lattice.forming - before
@@ -105,16 +105,12 @@ class EventDriven(Pulling):
                 start = start.raised(change)
             if partners is not None:
                 partners = partners._replace(shift=partners.shift + change)
-            since = start.time if isinstance(start, Followed) else begin
             until = float(part.times[-1])
-            # the mean one of this part
-            share = ((since + until) / 2 - begin) / span if span else 1.0
-            own = drive.replace(speed=drive.speed + gain * share)
+            mean = drive.speed + rise * ((since + until) / 2 - begin)
+            own, since = drive.replace(speed=mean), until
             how = part.lattice, part.times, part.temperature, seed, start
-            rise = gain / span if span else 0.0
-            start = self._follow(
-                _Job(self.kind, *how, own, partners, rise), part.ramp
-            )
+            job = _Job(self.kind, *how, own, partners, rise)
+            start = self._follow(job, part.ramp)
             seen.append(start)
         last = PullHistory.of_parts(seen).raised(ramp.lattice.forming - before)
         end = drive.replace(speed=ramp.speed)

@@ -38,18 +38,22 @@ def after_the_step(share: float, first: float, then: float, breaking: float, rep
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--replicas", type=int, default=100)
-    parser.add_argument("--then", type=float, default=1e8)
-    parser.add_argument("--breaking", type=float, nargs="+", default=[1.1, 0.9])
+    parser.add_argument("--replicas", type=int, default=60)
+    parser.add_argument("--then", type=float, default=1e7)
+    parser.add_argument("--breaking", type=float, nargs="+", default=[1.1])
+    parser.add_argument("--share", type=float, nargs="+", default=[0.9, 0.5, 0.1])
+    parser.add_argument("--first", type=float, nargs="+", default=[1e2, 1e3, 1e4, 1e5, 1e6])
     chosen = parser.parse_args()
     for breaking in chosen.breaking:
-        for share in (0.9, 0.5, 0.2, 0.1):
-            for first in (1e2, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6):
+        for share in chosen.share:
+            for first in chosen.first:
                 times, bonds, lost = after_the_step(share, first, chosen.then, breaking, chosen.replicas)
                 change = bonds - bonds[:, :1]
                 mean, error = change.mean(axis=0), change.std(axis=0, ddof=1) / len(bonds) ** 0.5
                 at = int(np.argmin(mean))
                 begun = bonds[:, 0].mean()
+                rise = bonds[:, -1] - bonds[:, at]
+                rise, spread = rise.mean(), rise.std(ddof=1) / rise.size**0.5
                 below = np.flatnonzero(mean < 0)
                 again = "never below" if not below.size else "not again"
                 if below.size and below[-1] + 1 < times.size:
@@ -58,7 +62,7 @@ def main() -> None:
                     f"breaking {breaking:g} eV, F2/F1 {share:g}, t1 {first:g} s: {begun:.1f} bonds, "
                     f"{lost.mean():.1f} lost at once; falls by {-100 * mean[at] / begun:.2f} % "
                     f"({-mean[at] / max(error[at], 1e-9):.1f} s.e.) at {times[at]:.2g} s, {again}; "
-                    f"end {100 * mean[-1] / begun:+.1f} %",
+                    f"then rises by {100 * rise / begun:.2f} % ({rise / max(spread, 1e-9):.1f} s.e.)",
                     flush=True,
                 )
 
