@@ -365,7 +365,7 @@ def chain_trial(seed: int, folder) -> None:
     trial.resumed(whole, folder)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(12))
 def test_random_programmes_at_once_by_hand_and_in_pieces(seed, tmp_path):
     chain_trial(seed, tmp_path)
 
@@ -377,8 +377,11 @@ def test_two_hundred_random_programmes(tmp_path):
         chain_trial(seed, tmp_path / str(seed))
 
 
-@pytest.mark.parametrize("partner", ["kept", "new"])
-@pytest.mark.parametrize("kind", ["rejection-free", "bkl", "next-reaction", "independent", "pull"])
+@pytest.mark.parametrize(
+    ("kind", "partner"),
+    [("rejection-free", "kept"), ("pull", "new")]
+    + [pytest.param(kind, "kept", marks=pytest.mark.long) for kind in ("bkl", "next-reaction", "independent", "pull")],
+)
 def test_noise_of_steps_with_one_seed_is_uncorrelated(kind, partner):
     """Every step has the equilibrium at its end, so that bonds of different steps have nothing but noise in common."""
     chemistry = ca.chemistry(
@@ -497,15 +500,18 @@ def test_a_mean_over_random_surfaces_whose_load_changes_is_as_accurate_as_asked(
 
 @pytest.mark.parametrize(
     ("axis", "values", "seen"),
-    [
-        ("step.0.duration", [0.1, 10], "bonds_0"),
-        ("step.1.distance", [0.2, 0.8], "work_1"),
-        ("step.1.spring", ["100 nN/nm", "rigid"], "work_1"),
-        ("step.2.load", [60, "90 nN"], "bonds_2"),
-        ("step.3.load.to", [20, 60], "bonds_4"),
-        ("step.3.speed.to", [1e2, 1e4], "peak_3"),
-        ("step.4.temperature", [290, "330 K"], "bonds_4"),
-        ("drive.bond_stiffness", [5, 10], "peak_1"),
+    [("step.3.load.to", [20, 60], "bonds_4")]
+    + [
+        pytest.param(*case, marks=pytest.mark.long)
+        for case in [
+            ("step.0.duration", [0.1, 10], "bonds_0"),
+            ("step.1.distance", [0.2, 0.8], "work_1"),
+            ("step.1.spring", ["100 nN/nm", "rigid"], "work_1"),
+            ("step.2.load", [60, "90 nN"], "bonds_2"),
+            ("step.3.speed.to", [1e2, 1e4], "peak_3"),
+            ("step.4.temperature", [290, "330 K"], "bonds_4"),
+            ("drive.bond_stiffness", [5, 10], "peak_1"),
+        ]
     ],
 )
 def test_any_number_of_a_step_is_swept(axis, values, seen, tmp_path):
