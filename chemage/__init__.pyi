@@ -20,6 +20,7 @@ from chemage.scene.run import Run as Run
 from chemage.scene.scene import Scene as Scene
 from chemage.surfaces.surface import Surface as Surface
 from chemage.studies.sweeps.result import SweepResult as SweepResult
+from chemage_rate_state.traces import Trace as Trace
 from chemage_trade.result import Tradeoff as Tradeoff
 from chemage_inference.result import UnexplainedError as UnexplainedError
 from chemage.ageing.age import age as age
@@ -31,6 +32,7 @@ from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.studies.ensembles.running import ensemble as ensemble
 from chemage.foundation import errors as errors
 from chemage.ageing.fitting import fit_aging as fit_aging
+from chemage_rate_state.fit import fit_rate_state as fit_rate_state
 from chemage.foundation.checks import hold_times as hold_times
 from chemage_inference.infer import infer as infer
 from chemage.scene.files import load_scene as load_scene
@@ -45,11 +47,13 @@ from chemage.plugins.options import prefer_plugins as prefer_plugins
 from chemage.results.files import read as read
 from chemage_inference.curves import read_curves as read_curves
 from chemage.ageing.measurements import read_measurements as read_measurements
+from chemage_rate_state.traces import read_trace as read_trace
 from chemage.plugins.registry import register as register
 from chemage.scene.run import run as run
 from chemage.contacts.role import solve_contact as solve_contact
 from chemage.studies.sweeps.running import sweep as sweep
 from chemage import testing as testing
+from chemage_rate_state.traces import trace_of as trace_of
 from chemage_trade.mapping import tradeoff as tradeoff
 from chemage.plugins.registry import unregister as unregister
 from chemage.results.files import write as write

@@ -33,8 +33,8 @@ QUANTITIES = {
     "friction": "F|F s|Fs|friction|reibung|haftreibung|reibkraft|reibungskraft|haftreibungskraft",
     "friction_coefficient": "mu|μ|mu s|μ s|coefficient|cof|reibwert|reibungszahl|reibkoeffizient|reibungskoeffizient|"
     "haftreibungszahl|haftreibungskoeffizient",
-    "displacement": "displacement|displ|load point|loadpoint|load point displacement|loadpoint displacement|shear displacement|"
-    "verschiebung",
+    "displacement": "displacement|displ|load point|loadpoint|load point displacement|loadpoint displacement|"
+    "shear displacement|verschiebung",
     "offset": "offset|baseline|kinetic|sliding|dynamic|F k|Fk|mu k|μ k|gleitreibung|gleitreibungskraft|gleitreibungszahl",
     "value": "value|wert|messwert",
     "quantity": "quantity|größe",

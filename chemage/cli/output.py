@@ -285,6 +285,20 @@ def say_json(value: Any) -> None:
     print(json.dumps(jsonable(value), default=str))
 
 
+def say_csv(result: Result) -> None:
+    """Print the many values of a result, one column each, or its rows."""
+    from chemage.foundation.text import csv_text
+
+    columns = result.columns()
+    names, texts = zip(*result.rows(), strict=True)
+    text = (
+        csv_text(columns, zip(*columns.values(), strict=True))
+        if columns
+        else csv_text(names, [texts])
+    )
+    say(text, end="")
+
+
 def remark(text: object = "") -> None:
     """Print a line that is not the answer itself, such as a note; nothing with ``--quiet``."""
     if not quiet():

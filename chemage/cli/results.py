@@ -43,7 +43,6 @@ def show(
     every: AllOpt = False,
 ) -> None:
     """Print the main numbers of a result file, or of a sweep."""
-    from chemage.foundation.text import csv_text
     from chemage.results.kinds import load
 
     result = load(file)
@@ -52,15 +51,7 @@ def show(
     if as_json:
         output.say_json(result.numbers())
     elif as_csv:
-        # many values, one column each, or the rows
-        columns = result.columns()
-        names, texts = zip(*result.rows(), strict=True)
-        text = (
-            csv_text(columns, zip(*columns.values(), strict=True))
-            if columns
-            else csv_text(names, [texts])
-        )
-        output.say(text, end="")
+        output.say_csv(result)
     else:
         output.show_all(every)
         output.show_result(result)

@@ -47,6 +47,7 @@ def unit_text(unit: str) -> str:
     if unit == ONE:
         return ""
     plain = unit.replace("**", "").replace("^", "").replace("angstrom", "Å")
+    plain = re.sub(r"\bum", "µm", plain)
     return re.sub(
         r"(?<=[^\W\d_])\d+", lambda power: power[0].translate(_SUPERSCRIPTS), plain
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -15,7 +14,8 @@ from chemage.plugin import Quantity, Rank, statistics
 from chemage_rate_state.laws import LAWS, Law, Parameters, change
 from chemage_rate_state.traces import Trace
 
-#: order of the autoregressive noise, and change of the interval of sampling, relative, at which another noise begins
+#: order of the autoregressive noise at most, of which that of least BIC is taken, and change of the interval of sampling,
+#: relative, at which another noise begins
 ORDER, RESAMPLED = 5, 0.5
 #: D_c over the way at the first speed in the time after the first change, b/a, and K D_c/a, from which fits begin
 STARTS = [
@@ -26,8 +26,11 @@ STARTS = [
 ]
 #: fits that are completed of them, and points of the trace for that
 COMPLETED, SOME = 3, 400
-#: what is left, in friction, of parameters at which the slider is unstable
-UNSTABLE = 1e3
+#: times that parameters are fitted with the noise of what was left before
+REPEATED = 2
+#: what is left, in friction, of parameters at which the slider is unstable, or K D_c/a above RIGID, where no trace tells
+#: how stiff the spring is
+UNSTABLE, RIGID = 1e3, 1e3
 #: relative step of the derivatives
 DIFFERENCE = 1e-4
 #: parts of equal ratios of the slip after each change, in which the mean of what is left is tested, and their end in D_c
@@ -63,6 +66,8 @@ class RateStateFit:
     misfit: float
     #: probability that what is left after the changes of speed is noise
     probability: float
+    #: way over which the noise is correlated, µm
+    correlated: float
     freedom: int
 
     def quantities(self) -> list[Quantity]:
@@ -70,7 +75,9 @@ class RateStateFit:
         limit = statistics.student_limit(self.freedom)
         declared, found = (A, B, SLIP_LENGTH, STIFFNESS), []
         errors = np.sqrt(np.diag(self.covariance))
-        for k, (one, value) in enumerate(zip(declared, self.parameters, strict=True)):
+        for k, (one, value) in enumerate(
+            zip(declared, self.parameters, strict=True)
+        ):
             if k >= errors.size:
                 found.append(one.but(value=value, reason="given"))
                 continue
@@ -86,19 +93,35 @@ class RateStateFit:
         both = DIFFERENCE_OF_BOTH.but(value=a - b).between(limit * error, error)
         return [*found[:2], both, *found[2:]]
 
-    @cached_property
+    @property
+    def told(self) -> bool:
+        """Whether noise is told from a wrong law: it is forgotten within D_c, and smaller than what is explained."""
+        change = float(np.ptp(self.fitted - self.trend * self.way))
+        return self.correlated < self.parameters.slip_length and self.noise < change
+
+    @property
     def explains(self) -> bool:
         """Whether what the law leaves is noise."""
-        return self.probability >= UNLIKELY
+        return self.told and self.probability >= UNLIKELY
 
     def words(self) -> str:
         """Whether the law explains the trace."""
+        if not self.told:
+            return (
+                f"cannot be judged: what it leaves ({self.noise:.2g}, correlated over {self.correlated:.2g} µm) is as large "
+                "as what it explains, or as long as D_c; intervals mean nothing"
+            )
         if self.explains:
             return f"explains the trace (p = {self.probability:.2g})"
         return (
             f"does not explain the trace: within {END:g} D_c of the changes of speed it leaves more than noise "
             f"(p = {self.probability:.1g}); intervals are of a wrong law"
         )
+
+    @property
+    def way(self) -> np.ndarray:
+        """(m,) µm of the load point."""
+        return self.trace.loading.displacement(self.trace.times)
 
 
 def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
@@ -116,18 +139,21 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
         raise InputError(f"law: {law!r}; there are {', '.join(LAWS)}")
     misfit = _Misfit(law, trace)
     logs = misfit.begun()
-    for _ in range(2):
-        whitening = _whitening(misfit.left(logs), trace.times)
+    whitening = _whitening(misfit.left(logs), trace.times)
+    for _ in range(REPEATED):
         _, logs = misfit.completed(logs, whitening.apply)
+        whitening = _whitening(misfit.left(logs), trace.times)
     rest = misfit.left(logs)
     white = misfit.left(logs, whitening.apply)
     slopes = _slopes(lambda at: misfit.left(at, whitening.apply), logs)
-    freedom = trace.times.size - logs.size - 2 - ORDER * len(whitening.parts)
+    # points that the noise leaves independent
+    points = trace.times.size / max(1.0, whitening.samples)
+    freedom = max(1, int(points) - logs.size - 2 - len(whitening.parts))
     try:
-        covariance = np.linalg.inv(slopes.T @ slopes)
+        covariance = np.linalg.inv(slopes.T @ slopes) * points / freedom
     except np.linalg.LinAlgError:
         covariance = np.full((logs.size, logs.size), np.nan)
-    if not np.isfinite(covariance).all() or freedom < 1:
+    if not np.isfinite(covariance).all():
         raise InputError(
             f"{trace.name}: the trace does not tell the parameters of the {law} law; give the stiffness, or a trace "
             "with more slip after a change of speed"
@@ -146,6 +172,7 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
         float(rest.std()),
         float(white @ white) + 2 * whitening.log_size,
         _probability(white, trace, best),
+        whitening.samples * float(way[-1]) / trace.times.size,
         freedom,
     )
 
@@ -158,22 +185,25 @@ class _Misfit:
     """What a law leaves of a trace, for logarithms of a, b, D_c and, unless the trace has it, K."""
 
     def __init__(self, law: Law, trace: Trace) -> None:
-        self.law, self.trace = law, trace
+        self.law: Law = law
+        self.trace = trace
         self.way = trace.loading.displacement(trace.times)
         #: (m, 2) constant and trend
         ones = np.ones(self.way.size)
         self.columns = np.stack([ones, self.way / self.way[-1]], axis=1)
 
     def parameters(self, logs: np.ndarray) -> Parameters:
-        values = [float(one) for one in np.exp(logs)]
+        a, b, length, *free = (float(one) for one in np.exp(logs))
         given = self.trace.stiffness
-        return Parameters(*values[:3], values[3] if given is None else given)
+        return Parameters(a, b, length, free[0] if given is None else given)
 
     def left(self, logs: np.ndarray, whiten: Whiten = _unchanged) -> np.ndarray:
         """(m,) what no constant and no trend explain either."""
-        trace, law = self.trace, self.law
+        trace, law, at = self.trace, self.law, self.parameters(logs)
+        if at.stiffness * at.slip_length > RIGID * at.a:
+            return np.full(trace.times.size, UNSTABLE)
         try:
-            model = change(law, self.parameters(logs), trace.loading, trace.times)
+            model = change(law, at, trace.loading, trace.times)
         except FloatingPointError:
             return np.full(trace.times.size, UNSTABLE)
         rest, columns = whiten(trace.friction - model), whiten(self.columns)
@@ -218,7 +248,8 @@ def _slopes(of: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarra
     """(m, k) central differences."""
     steps = DIFFERENCE * np.eye(at.size)
     return np.stack(
-        [(of(at + step) - of(at - step)) / (2 * DIFFERENCE) for step in steps], axis=1
+        [(of(at + step) - of(at - step)) / (2 * DIFFERENCE) for step in steps],
+        axis=1,
     )
 
 
@@ -242,6 +273,15 @@ class _Whitening:
         return found
 
     @property
+    def samples(self) -> float:
+        """Points over which the noise is correlated at most: its power at frequency 0 over its variance."""
+        powers = (
+            (innovation / whole / max(1.0 - memory.sum(), 1e-12)) ** 2
+            for _, memory, whole, innovation in self.parts
+        )
+        return float(max(powers))
+
+    @property
     def log_size(self) -> float:
         """Logarithm of the product of all standard deviations."""
         return sum(
@@ -263,13 +303,24 @@ def _whitening(rest: np.ndarray, times: np.ndarray) -> _Whitening:
     parts = []
     for low, high in zip(kept, [*kept[1:], times.size], strict=True):
         own = rest[low:high]
-        past = np.stack([own[ORDER - 1 - k : -1 - k] for k in range(ORDER)], axis=1)
-        memory = np.linalg.lstsq(past, own[ORDER:], rcond=None)[0]
-        innovation = float(np.std(own[ORDER:] - past @ memory, ddof=ORDER))
+        memory, innovation = min(
+            (_remembered(own, order) for order in range(1, ORDER + 1)),
+            key=lambda one: (
+                np.log(one[1]) + 0.5 * one[0].size * np.log(own.size) / own.size
+            ),
+        )
         least = 1e-12 * max(float(np.abs(own).max()), 1e-300)
         whole = max(float(own.std()), least)
         parts.append((slice(low, high), memory, whole, max(innovation, least)))
     return _Whitening(parts)
+
+
+def _remembered(own: np.ndarray, order: int) -> tuple[np.ndarray, float]:
+    """Coefficients (order,) of autoregressive noise, and the standard deviation of its innovations."""
+    past = np.stack([own[ORDER - 1 - k : -1 - k] for k in range(order)], axis=1)
+    memory = np.linalg.lstsq(past, own[ORDER:], rcond=None)[0]
+    left = own[ORDER:] - past @ memory
+    return memory, max(float(np.std(left, ddof=order)), 1e-300)
 
 
 def _probability(white: np.ndarray, trace: Trace, best: Parameters) -> float:

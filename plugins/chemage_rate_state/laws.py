@@ -18,7 +18,7 @@ LAWS: tuple[Law, ...] = ("ageing", "slip")
 #: relative and absolute error of a step of the integration
 RELATIVE, ABSOLUTE = 1e-9, 1e-11
 #: steps between two times at most
-MOST_STEPS = 5000
+MOST_STEPS = 500
 
 
 class Parameters(NamedTuple):
@@ -76,7 +76,11 @@ def change(
         if not np.isfinite(span):
             raise FloatingPointError("a slip length of 0")
         ratio = speed / loading.speeds[0]
-        wanted = passed if passed.size and passed[-1] >= span else np.append(passed, span)
+        wanted = (
+            passed
+            if passed.size and passed[-1] >= span
+            else np.append(passed, span)
+        )
         x, y = _integrated(law, parameters, ratio, state, wanted)
         found[inside] = (parameters.a * x + parameters.b * y)[: passed.size]
         state = float(x[-1]), float(y[-1])

@@ -13,8 +13,9 @@ from chemage.plugin import read_columns
 from chemage_rate_state.laws import Loading
 
 #: change of the speed over the larger that counts, and by how much the misfit of lines must fall per ln(points) for one
-CHANGED, BETTER = 0.02, 12.0
-#: points of a part of constant speed at least, and part of the largest speed below which the load point rests
+CHANGED, BETTER = 0.01, 12.0
+#: points of a part of constant speed at least, and part of the largest speed below which the load
+#: point rests, as it does where its speed is within three standard errors
 FEWEST, RESTS = 10, 1e-3
 
 
@@ -59,22 +60,35 @@ class Trace:
 def loading_of(times: np.ndarray, displacement: np.ndarray) -> Loading:
     """The constant speeds of a measured ``displacement`` (m,) of the load point, µm, at ``times`` (m,), s.
 
-    A part is halved where two lines explain it much better than one (binary segmentation), and the speeds differ.
+    A part is halved where two lines explain it much better than one (binary segmentation), and the speeds differ; then
+    each change is sought once more between its neighbours.
     """
-    begins, pending = {0}, [(0, times.size)]
+    found, pending = {0, times.size}, [(0, times.size)]
     while pending:
         low, high = pending.pop()
         split = _split(times[low:high], displacement[low:high])
         if split is not None:
-            begins.add(low + split)
+            found.add(low + split)
             pending += [(low, low + split), (low + split, high)]
-    ends = [*sorted(begins)[1:], times.size]
-    lines = [
-        np.polyfit(times[low:high] - times[0], displacement[low:high], 1)
-        for low, high in zip(sorted(begins), ends, strict=True)
-    ]
+    # the first halves were not those of the truth
+    ends, before = sorted(found), None
+    while ends != before:
+        before, kept = ends, [0]
+        for high in ends[2:]:
+            low = kept[-1]
+            split = _split(times[low:high], displacement[low:high])
+            if split is not None:
+                kept.append(low + split)
+        ends = [*kept, times.size]
+    lines, doubts = [], []
+    for low, high in pairwise(ends):
+        passed, own = times[low:high] - times[0], displacement[low:high]
+        line = np.polyfit(passed, own, 1)
+        lines.append(line)
+        rest = (own - np.polyval(line, passed)).std()
+        doubts.append(3 * rest / (passed.std() * np.sqrt(passed.size)))
     speeds = np.array([line[0] for line in lines])
-    speeds[np.abs(speeds) < RESTS * np.abs(speeds).max()] = 0.0
+    speeds[np.abs(speeds) < np.maximum(doubts, RESTS * np.abs(speeds).max())] = 0.0
     if (speeds < 0).any():
         raise InputError(
             "displacement: the load point moves back; give its displacement in the direction of slip"
@@ -91,7 +105,9 @@ def _split(times: np.ndarray, values: np.ndarray) -> int | None:
     size = times.size
     if size < 2 * FEWEST:
         return None
-    centred = np.stack([np.ones(size), times - times.mean(), values - values.mean()])
+    centred = np.stack(
+        [np.ones(size), times - times.mean(), values - values.mean()]
+    )
     products = np.cumsum(centred[:, None] * centred[None], axis=2)
     whole = products[..., -1:]
 
@@ -134,7 +150,9 @@ def read_trace(source: Any, stiffness: float | None = None) -> Trace:
         A column is missing, a cell holds no number, or no speed changes.
     """
     table = read_columns(source, COLUMNS, EXAMPLE)
-    friction = next((one for one in COLUMNS[2:] if one in table.columns), "friction")
+    friction = next(
+        (one for one in COLUMNS[2:] if one in table.columns), "friction"
+    )
     for name in (*COLUMNS[:2], friction):
         if name not in table.columns:
             raise InputError(
@@ -150,7 +168,7 @@ def read_trace(source: Any, stiffness: float | None = None) -> Trace:
     return Trace(str(name), times, values, loading, stiffness)
 
 
-def trace_of(run: Any) -> Trace:
+def trace_of(run: Any, stiffness: float | None = None) -> Trace:
     """The trace of a simulated programme of slides and holds: mean friction of its replicas over the load.
 
     Raises
@@ -166,7 +184,9 @@ def trace_of(run: Any) -> Trace:
     speeds, points = 1e-3 * seen["step_speed"][0], seen["step_points"][0]
     loads = seen["step_load"][0]
     if np.ptp(loads) > 0:
-        raise InputError(f"{run.name}: the load changes; friction laws have one load")
+        raise InputError(
+            f"{run.name}: the load changes; friction laws have one load"
+        )
     number = np.repeat(np.arange(points.size), points)
     slides = np.flatnonzero(speeds > 0)
     times = aging.hold_times
@@ -181,7 +201,7 @@ def trace_of(run: Any) -> Trace:
     begin = times[kept][0]
     loading = Loading(np.append(begin, starts[first + 1 :]), speeds[first:])
     spring = run.scene.get("drive", {}).get("spring")
-    known = isinstance(spring, int | float)
     friction = aging.friction_drop.mean(axis=0)[kept] / loads[0]
-    stiffness = 1e3 * float(spring) / loads[0] if known else None
+    if stiffness is None and isinstance(spring, int | float):
+        stiffness = 1e3 * float(spring) / loads[0]
     return Trace(run.name, times[kept], friction, loading, stiffness)

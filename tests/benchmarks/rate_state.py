@@ -53,7 +53,7 @@ def synthetic(rng: np.random.Generator, law: Any) -> tuple[Trace, Parameters]:
 
 def coverage(cases: int, seed: int) -> None:
     """How often intervals hold the truth, and how often a true law is refused."""
-    held = {name: 0 for name in Parameters._fields}
+    held = dict.fromkeys(Parameters._fields, 0)
     refused, widths, seconds = 0, [], time.process_time()
     for number in range(cases):
         rng = np.random.default_rng([seed, number])

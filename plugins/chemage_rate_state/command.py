@@ -1,0 +1,76 @@
+"""The command ``chemage rate-state``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from chemage.plugin import options, output, progress
+
+
+def rate_state(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            help="a table of time, displacement of the load point and friction_coefficient with their units, or a result "
+            "file (.h5) of a programme of slides and holds",
+        ),
+    ],
+    law: Annotated[
+        str,
+        typer.Option(metavar="LAW", help="ageing, slip, or both"),
+    ] = "both",
+    stiffness: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUE",
+            help='stiffness of spring and machine over the normal force, such as "0.003 um**-1"; default: fitted; of a '
+            "result that of its spring",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="draw the fits: .png, .pdf or .svg"
+        ),
+    ] = None,
+    as_json: options.JsonOpt = False,
+    as_csv: options.CsvOpt = False,
+    force: options.ForceOpt = False,
+) -> None:
+    """Fit the laws of rate-and-state friction to a trace.
+
+    Prints a, b, D_c and the stiffness with intervals, whether a law explains the trace, and which explains it better.
+    """
+    import chemage as ca
+    from chemage.plugin import convert, preflight
+    from chemage_rate_state.display import RateStateDisplay
+    from chemage_rate_state.fit import fit_rate_state
+    from chemage_rate_state.laws import LAWS
+    from chemage_rate_state.traces import read_trace, trace_of
+
+    if law not in (*LAWS, "both"):
+        raise options.user_error(f"--law {law}: choose ageing, slip or both")
+    if out is not None:
+        options.check_ending(out, options.FIGURES, "a figure")
+        preflight(out, force=force)
+    given = None if stiffness is None else convert(stiffness, "1/um")
+    stored = file.suffix.lower() in options.RESULTS
+    trace = trace_of(ca.read(file), given) if stored else read_trace(file, given)
+    laws = LAWS if law == "both" else (law,)
+    with progress.progress_bars({"fitting": "laws"}) as report:
+        fits = []
+        for number, one in enumerate(laws):
+            report("fitting", number, len(laws))
+            fits.append(fit_rate_state(trace, one))
+        report("fitting", len(laws), len(laws))
+    result = RateStateDisplay(fits)
+    if out is not None:
+        output.save_picture(result, out, force=force)
+    if as_csv:
+        output.say_csv(result)
+        return
+    output.answer(result, as_json, (), **({"figures": out} if out else {}))

@@ -1,0 +1,124 @@
+"""How fits of rate-and-state laws are shown: a column for each law, words, and a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.plugin import Panel, Picture, Result, Table, figures
+from chemage_rate_state.fit import RateStateFit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: difference of misfits, twice the logarithm of the ratio of likelihoods, from which laws are told apart
+TOLD = 6.0
+
+
+class RateStateDisplay(Result):
+    """Laws fitted to one trace as users see them."""
+
+    errors = "95 % intervals, with the correlation of the noise"
+    please_cite = "Please cite the laws:"
+
+    def __init__(self, fits: Sequence[RateStateFit]) -> None:
+        self.fits = fits
+        self.trace = fits[0].trace
+
+    @property
+    def name(self) -> str:
+        return self.trace.name
+
+    @property
+    def title(self) -> str:
+        return f"Rate-and-state friction: {self.name}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        trace, loading = self.trace, self.trace.loading
+        speeds = [f"{speed:.4g}" for speed in loading.speeds]
+        changes = [f"{time:.6g}" for time in loading.times[1:]]
+        noise = min(fit.noise for fit in self.fits)
+        return [
+            ("points", f"{trace.times.size}, noise {noise:.2g}"),
+            (
+                "speeds of the load point",
+                f"{', '.join(speeds)} µm/s, changed at {', '.join(changes)} s",
+            ),
+            *((f"{fit.law} law", fit.words()) for fit in self.fits),
+            *([("laws", self._told())] if len(self.fits) > 1 else []),
+        ]
+
+    def _told(self) -> str:
+        best, *others = sorted(self.fits, key=lambda one: one.misfit)
+        away = others[0].misfit - best.misfit
+        if away < TOLD:
+            return f"the trace does not tell them apart: misfits differ by {away:.1f}, below {TOLD:g}"
+        return f"the {best.law} law fits better: its misfit is less by {away:.1f}"
+
+    def tables(self) -> list[Table]:
+        """Parameters by law."""
+        columns = [fit.quantities() for fit in self.fits]
+        rows = [
+            (row[0].title, *(one.text() for one in row))
+            for row in zip(*columns, strict=True)
+        ]
+        laws = [f"{fit.law} law" for fit in self.fits]
+        return [Table("", ["", *laws], rows, "Parameters", in_detail=False)]
+
+    def numbers(self) -> dict[str, Any]:
+        found = {}
+        for fit in self.fits:
+            numbers: dict[str, Any] = {"trend": fit.trend, "noise": fit.noise}
+            numbers |= {"misfit": fit.misfit, "probability": fit.probability}
+            for one in fit.quantities():
+                numbers |= one.numbers()
+            found[fit.law] = numbers
+        loading = self.trace.loading
+        return {
+            "name": self.name,
+            "speeds": loading.speeds.tolist(),
+            "changes": loading.times[1:].tolist(),
+            "laws": found,
+        }
+
+    def columns(self) -> dict[str, Any]:
+        trace = self.trace
+        return {
+            "time (s)": trace.times,
+            "displacement (um)": trace.loading.displacement(trace.times),
+            "friction_coefficient": trace.friction,
+            **{f"{fit.law}_law": fit.fitted for fit in self.fits},
+        }
+
+    def cite(self) -> tuple[list[str], str]:
+        papers = {
+            "ageing": "Dieterich, J. Geophys. Res. 84, 2161 (1979), doi:10.1029/JB084iB05p02161",
+            "slip": "Ruina, J. Geophys. Res. 88, 10359 (1983), doi:10.1029/JB088iB12p10359",
+        }
+        return [papers[fit.law] for fit in self.fits], ""
+
+    def pictures(self) -> dict[str, Picture]:
+        """Friction against the displacement of the load point, with the laws."""
+        return {
+            "rate-state": Picture((Panel(self._drawn, name="trace"),), (5.6, 4.2))
+        }
+
+    def _drawn(self, axes: Axes, medium: Any = None) -> None:
+        trace = self.trace
+        way = trace.loading.displacement(trace.times)
+        begin = trace.loading.displacement(trace.loading.times[1:2])[0]
+        axes.plot(
+            way - begin, trace.friction, ".", ms=1.5, color="0.7", label="trace"
+        )
+        for fit, style in zip(self.fits, ("-", "--"), strict=False):
+            axes.plot(way - begin, fit.fitted, style, label=f"{fit.law} law")
+        lengths = [fit.parameters.slip_length for fit in self.fits]
+        last = float(np.clip(40 * max(lengths), 0, way[-1] - begin))
+        axes.set(
+            xlabel="displacement of the load point after the first change (µm)",
+            ylabel="friction coefficient",
+            xlim=(-0.3 * last, last or 1.0),
+        )
+        figures.legend(axes)

@@ -1,0 +1,198 @@
+"""Rate-and-state laws against closed forms and an independent fit, and what traces tell of them."""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+
+import numpy as np
+import pytest
+
+import chemage as ca
+from chemage import InputError
+from chemage_rate_state import laws
+from chemage_rate_state.fit import fit_rate_state
+from chemage_rate_state.laws import LAWS, Loading, Parameters, change
+from chemage_rate_state.traces import Trace, loading_of, read_trace
+
+A, B, LENGTH = 0.008, 0.012, 10.0
+STEP = Loading(np.array([0.0, 5.0]), np.array([1.0, 10.0]))
+BASALT = importlib.resources.files("chemage_rate_state") / "data" / "basalt-velocity-step.txt"
+
+
+def synthetic(law, seed=1, stiffness=5e-3, size=2e-4):
+    truth = Parameters(A, B, LENGTH, stiffness)
+    times = np.linspace(0.05, 25, 500)
+    noise = size * np.random.default_rng(seed).standard_normal(times.size)
+    return Trace("synthetic", times, 0.6 + change(law, truth, STEP, times) + noise, STEP), truth
+
+
+def test_with_a_rigid_machine_the_ageing_law_evolves_exponentially():
+    """Constant V after the step: θ = D_c/V + (D_c/V₀ − D_c/V) exp(−Vt/D_c)."""
+    times = np.linspace(5.1, 20, 40)
+    found = change("ageing", Parameters(A, B, LENGTH, 1e4), STEP, times)
+    state = (1 + 9 * np.exp(-10 * (times - 5) / LENGTH)) / 10
+    assert found == pytest.approx(A * np.log(10) + B * np.log(state), abs=2e-6)
+
+
+def test_with_a_rigid_machine_the_slip_law_forgets_a_step_exponentially():
+    """ln(Vθ/D_c) = ln(V/V₀) exp(−Vt/D_c)."""
+    times = np.linspace(5.1, 20, 40)
+    found = change("slip", Parameters(A, B, LENGTH, 1e4), STEP, times)
+    kept = np.log(10) * np.exp(-10 * (times - 5) / LENGTH)
+    assert found == pytest.approx((A - B) * np.log(10) + B * kept, abs=2e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_steady_friction_changes_by_a_minus_b(law):
+    loading = Loading(np.array([0.0, 1.0, 101.0]), np.array([1.0, 10.0, 0.1]))
+    found = change(law, Parameters(A, B, LENGTH, 5e-3), loading, np.array([0.5, 100.0, 5000.0]))
+    assert found == pytest.approx((A - B) * np.log([1, 10, 0.1]), abs=1e-6)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_below_the_critical_stiffness_oscillations_grow(law):
+    """K_c = (b − a)/D_c (Ruina 1983)."""
+    loading, times = Loading(np.array([0.0, 1.0]), np.array([1.0, 1.01])), np.linspace(1, 400, 4000)
+    sizes = []
+    for over in (0.95, 1.05):
+        found = change(law, Parameters(A, B, LENGTH, over * (B - A) / LENGTH), loading, times)
+        sizes.append(np.ptp(found[3000:]) / np.ptp(found[:1000]))
+    assert sizes[0] > 1 > sizes[1]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_in_a_hold_with_a_rigid_machine_only_the_ageing_law_heals(law):
+    """θ̇ = 1, or 0, where nothing slips: the force relaxes by slip of the order of D_c ln t alone."""
+    loading = Loading(np.array([0.0, 1.0, 1001.0]), np.array([1.0, 0.0, 1.0]))
+    times = np.linspace(1001, 1020, 400)
+    peak = change(law, Parameters(A, B, LENGTH, 1.0), loading, times).max()
+    # dV/dt = −K V²/a: ln(V/V₀) falls as ln(1 + KVt/a), a slip of (a/K) ln(...), far below D_c
+    aged = B * np.log(1 + 1000 / LENGTH)
+    assert peak == (pytest.approx(aged, rel=0.05) if law == "ageing" else pytest.approx(0, abs=0.05 * aged))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_intervals_hold_the_truth_and_the_other_law_fits_worse(law):
+    trace, truth = synthetic(law)
+    fit, other = fit_rate_state(trace, law), fit_rate_state(trace, LAWS[law == "ageing"])
+    for one in fit.quantities():
+        if one.name in truth._fields:
+            assert one.low < getattr(truth, one.name) < one.high
+            assert one.relative < 0.2
+    assert fit.explains
+    assert other.misfit - fit.misfit > 20
+    assert not other.explains
+
+
+def test_a_given_stiffness_is_kept():
+    trace, truth = synthetic("slip")
+    fit = fit_rate_state(Trace("t", trace.times, trace.friction, STEP, truth.stiffness), "slip")
+    assert fit.parameters.stiffness == truth.stiffness
+    assert fit.covariance.shape == (3, 3)
+    assert fit.parameters.slip_length == pytest.approx(LENGTH, rel=0.05)
+
+
+def test_what_is_no_transient_is_not_called_explained():
+    """A drift that the law does not have is not taken for noise."""
+    times = np.linspace(0.05, 25, 500)
+    friction = 0.6 + 0.3 * np.sin(times / 3)
+    assert not fit_rate_state(Trace("drift", times, friction, STEP)).explains
+
+
+def test_speeds_are_found_in_a_noisy_displacement():
+    times = np.arange(0, 60, 0.02)
+    loading = Loading(np.array([0.0, 15.0, 30.0, 50.0]), np.array([3.0, 10.0, 0.0, 3.0]))
+    way = loading.displacement(times) + 0.2 * np.random.default_rng(1).standard_normal(times.size)
+    found = loading_of(times, way)
+    assert found.times[1:] == pytest.approx(loading.times[1:], abs=0.1)
+    assert found.speeds == pytest.approx(loading.speeds, rel=0.01, abs=0.02)
+
+
+def test_a_basalt_step_agrees_with_an_independent_fit():
+    """Least squares of scipy's curve_fit with the forward model of rsfmodel (MIT), at the speeds found here."""
+    independent = {"ageing": (8.852e-3, 9.284e-3, 6.874, 1.0829e-2), "slip": (9.216e-3, 9.680e-3, 9.284, 1.0125e-2)}
+    trace = read_trace(BASALT)
+    assert trace.loading.speeds[[0, -1]] == pytest.approx([3, 10], rel=0.01)
+    for law in LAWS:
+        fit = fit_rate_state(trace, law)
+        numbers = {one.name: one for one in fit.quantities()}
+        for name, value in zip(Parameters._fields, independent[law], strict=True):
+            assert abs(numbers[name].value - value) < 0.5 * (numbers[name].high - numbers[name].low) / 2
+        assert not fit.explains
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["time (s),friction_coefficient"], "no column displacement"),
+        (["time (s),displacement (um),temperature (K)"], "no column friction"),
+        (["time,displacement (um),friction_coefficient"], "no unit"),
+    ],
+)
+def test_a_table_without_what_is_needed_is_refused(tmp_path, lines, message):
+    path = tmp_path / "trace.csv"
+    rows = ("1,2,0.6" if lines[0].count(",") == 2 else "1,2" for _ in range(9))
+    path.write_text("\n".join([*lines, *rows]))
+    with pytest.raises(InputError, match=message):
+        read_trace(path)
+
+
+def test_a_trace_that_tells_nothing_is_refused():
+    times = np.arange(50.0)
+    with pytest.raises(InputError, match="must change"):
+        Trace("t", times, times, Loading(np.zeros(1), np.ones(1)))
+    with pytest.raises(InputError, match=r"point 3 is at 1 s after 1 s"):
+        Trace("t", np.array([0, 1, 1, *range(2, 40)]), np.zeros(41), STEP)
+    with pytest.raises(InputError, match="there are ageing, slip"):
+        fit_rate_state(synthetic("slip")[0], "ruina")
+    with pytest.raises(InputError, match="moves back"):
+        loading_of(times, np.where(times < 20, times, 40 - times))
+
+
+def test_an_unstable_slider_is_an_error_not_a_number():
+    with pytest.raises(FloatingPointError):
+        change("slip", Parameters(A, 3 * B, LENGTH, 1e-6), STEP, np.linspace(5, 5000, 10))
+    assert laws.RELATIVE < 1e-6
+
+
+def test_a_simulated_programme_is_a_trace():
+    scene = {
+        "name": "slides",
+        "surface": {"kind": "sphere", "radius": "30 nm", "pixels": 32, "pixel_size": "0.9 nm"},
+        "contact": {"kind": "hertz", "modulus": "35.3 GPa", "load": "50 nN"},
+        "forming": {"kind": "gaussian", "mean": "0.7 eV", "std": "0.02 eV"},
+        "breaking": {"kind": "gaussian", "mean": "1.1 eV", "std": "0.02 eV"},
+        "chemistry": {"activation_volume": "6.4 angstrom**3"},
+        "engine": {"kind": "rejection-free"},
+        "hold": {"temperature": "300 K", "replicas": 2},
+        "drive": {"bond_stiffness": "10 nN/nm", "transition_distance": "0.03 nm", "spring": "1000 nN/nm"},
+        "protocol": {"kind": "velocity-steps", "speeds": ["10 nm/s", "100 nm/s"], "distance": "4 nm"},
+    }
+    run = ca.run(scene)
+    trace = ca.trace_of(run)
+    assert trace.stiffness == pytest.approx(1000 / 50 * 1e3)
+    assert trace.loading.speeds == pytest.approx([0.01, 0.1])
+    # from the last quarter of the first slide on
+    assert trace.times[0] == pytest.approx(0.3, abs=0.005)
+    assert trace.loading.times == pytest.approx([0.3, 0.4], abs=0.005)
+    assert trace.friction[-1] == pytest.approx(run.aging.friction_drop[:, -1].mean() / 50)
+    del scene["protocol"], scene["drive"]
+    with pytest.raises(InputError, match="no programme of slides"):
+        ca.trace_of(ca.run(scene | {"hold": {"times": [1.0]}}))
+
+
+def test_the_command_prints_both_laws(tmp_path, command):
+    trace, _ = synthetic("slip")
+    path = tmp_path / "trace.csv"
+    rows = zip(trace.times, STEP.displacement(trace.times), trace.friction, strict=True)
+    path.write_text(
+        "time (s),displacement (um),friction_coefficient\n" + "\n".join(",".join(map(str, row)) for row in rows)
+    )
+    found = json.loads(command("rate-state", str(path), "--json").out)
+    assert set(found["laws"]) == {*LAWS}
+    assert found["laws"]["slip"]["slip_length"] == pytest.approx(LENGTH, rel=0.1)
+    text = command("rate-state", str(path), "--law", "slip", "--stiffness", "0.005 um**-1").out
+    assert "explains the trace" in text
+    assert "(given)" in text
+    assert command("rate-state", str(path), "--csv").out.startswith("time (s),displacement (um),friction")
