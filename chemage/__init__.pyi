@@ -50,6 +50,7 @@ from chemage.ageing.measurements import read_measurements as read_measurements
 from chemage_rate_state.traces import read_trace as read_trace
 from chemage.plugins.registry import register as register
 from chemage.scene.run import run as run
+from chemage_rate_state.renewal import slip_length as slip_length
 from chemage.contacts.role import solve_contact as solve_contact
 from chemage.studies.sweeps.running import sweep as sweep
 from chemage import testing as testing

@@ -1,4 +1,4 @@
-"""Rate-and-state friction: laws fitted to measured and simulated traces; docs/pulling.md."""
+"""Rate-and-state friction: laws fitted to traces, and the slip that renews a contact; docs/pulling.md."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ NAMES = {
     "fit_rate_state": "chemage_rate_state.fit:fit_rate_state",
     "read_trace": "chemage_rate_state.traces:read_trace",
     "trace_of": "chemage_rate_state.traces:trace_of",
+    "slip_length": "chemage_rate_state.renewal:slip_length",
     "Trace": "chemage_rate_state.traces:Trace",
 }
 
@@ -22,7 +23,7 @@ def chemage_names() -> dict[str, str]:
 
 @hookimpl
 def chemage_cli() -> list[tuple[str, Any]]:
-    """The command ``chemage rate-state``."""
-    from chemage_rate_state.command import rate_state
+    """The commands ``chemage rate-state`` and ``chemage slip-length``."""
+    from chemage_rate_state.command import rate_state, slip_length
 
-    return [("rate-state", rate_state)]
+    return [("rate-state", rate_state), ("slip-length", slip_length)]

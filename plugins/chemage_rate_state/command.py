@@ -1,13 +1,16 @@
-"""The command ``chemage rate-state``."""
+"""The commands ``chemage rate-state`` and ``chemage slip-length``."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from chemage.plugin import options, output, progress
+
+if TYPE_CHECKING:
+    from chemage.plugin import Result
 
 
 def rate_state(
@@ -67,7 +70,62 @@ def rate_state(
             report("fitting", number, len(laws))
             fits.append(fit_rate_state(trace, one))
         report("fitting", len(laws), len(laws))
-    result = RateStateDisplay(fits)
+    _answered(RateStateDisplay(fits), out, as_json, as_csv, force)
+
+
+def slip_length(
+    scene: options.SceneArg,
+    changes: options.SetOpt = None,
+    surfaces: Annotated[
+        int,
+        typer.Option(
+            min=2, metavar="N", help="pairs of surfaces, for the intervals"
+        ),
+    ] = 3,
+    slip: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH",
+            help='how far they slide, such as "20 nm"; default: six mean chords of a patch',
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="draw the shares: .png, .pdf or .svg",
+        ),
+    ] = None,
+    as_json: options.JsonOpt = False,
+    as_csv: options.CsvOpt = False,
+    force: options.ForceOpt = False,
+) -> None:
+    """Slide two surfaces of a scene, and find the slip that renews their contact.
+
+    Each contact is solved from the one before, a pixel further. D_c is the mean slip since the sites came into contact.
+    """
+    from chemage import load_scene
+    from chemage.plugin import convert, preflight
+    from chemage_rate_state.display import RenewalDisplay
+    from chemage_rate_state.renewal import slip_length as measured
+
+    if out is not None:
+        options.check_ending(out, options.FIGURES, "a figure")
+        preflight(out, force=force)
+    loaded = load_scene(scene, options.changed_fields(changes))
+    length = None if slip is None else convert(slip, "nm")
+    with progress.progress_bars({"sliding": "steps"}) as report:
+        found = measured(
+            loaded, surfaces, length, lambda step, of: report("sliding", step, of)
+        )
+    _answered(RenewalDisplay(found), out, as_json, as_csv, force)
+
+
+def _answered(
+    result: Result, out: Path | None, as_json: bool, as_csv: bool, force: bool
+) -> None:
     if out is not None:
         output.save_picture(result, out, force=force)
     if as_csv:

@@ -7,14 +7,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.plugin import Panel, Picture, Result, Table, figures
+from chemage.plugin import (
+    Curve,
+    Panel,
+    Picture,
+    Quantity,
+    Result,
+    Table,
+    displays,
+    figures,
+    text,
+)
 from chemage_rate_state.fit import RateStateFit
+from chemage_rate_state.renewal import Renewal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: difference of misfits, twice the logarithm of the ratio of likelihoods, from which laws are told apart
 TOLD = 6.0
+#: share of sites that a slip did not renew from which it is said to be short
+LEFT = 0.1
 
 
 class RateStateDisplay(Result):
@@ -121,4 +134,61 @@ class RateStateDisplay(Result):
             ylabel="friction coefficient",
             xlim=(-0.3 * last, last or 1.0),
         )
+        figures.legend(axes)
+
+
+@displays(Renewal)
+class RenewalDisplay(Result):
+    """How fast slip renews a contact, as users see it."""
+
+    errors = "95 % intervals over pairs of surfaces (Student's t)"
+
+    def __init__(self, renewal: Renewal) -> None:
+        self.renewal = renewal
+
+    @property
+    def name(self) -> str:
+        return self.renewal.name
+
+    @property
+    def title(self) -> str:
+        return f"Renewal by slip: {self.name}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        slips = self.renewal.slips
+        way = f"{slips[-1]:.4g} nm in steps of {slips[1]:.4g} nm"
+        return [
+            ("mean over", f"{len(self.renewal.unrenewed)} pairs"),
+            ("slip", way),
+        ]
+
+    def quantities(self) -> list[Quantity]:
+        return self.renewal.quantities()
+
+    def curves(self) -> list[Curve]:
+        return self.renewal.curves()
+
+    def tables(self) -> list[Table]:
+        return []
+
+    def notes(self) -> list[str]:
+        if self.renewal.left < LEFT:
+            return []
+        share = text.percent(self.renewal.left)
+        return [
+            f"{share} of the sites stay longer than this slip: give a larger one"
+        ]
+
+    def pictures(self) -> dict[str, Picture]:
+        """Both shares against slip."""
+        return {
+            "renewal": Picture((Panel(self._drawn, name="renewal"),), (5.6, 4.2))
+        }
+
+    def _drawn(self, axes: Axes, medium: Any = None) -> None:
+        for curve in self.curves():
+            axes.plot(curve.x, curve.mean, label=curve.label)
+            low, high = curve.mean - curve.half_width, curve.mean + curve.half_width
+            axes.fill_between(curve.x, low, high, alpha=0.2)
+        axes.set(xlabel="slip (nm)", ylabel="share", ylim=(0, 1.02), xlim=(0, None))
         figures.legend(axes)
