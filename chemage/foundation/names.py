@@ -75,6 +75,7 @@ NAMES = {
     "plugins.options": "Choice PluginOptions plugin_options prefer_plugins",
     "plugins.registry": "fromdict register unregister",
     "results.comparison": "compare_files",
+    "results.decisions": "ClaimTest Limits",
     "results.page": "write_report",
     "results.files": "open_maps read write",
     "surfaces.reading": "HeightMap Reader reader_for",
@@ -96,6 +97,7 @@ PICTURES = "results.kinds"
 MODULES = {
     "algebra": "foundation.algebra",
     "completion": "cli.completion",
+    "decisions": "results.decisions",
     "container": "foundation.container",
     "options": "cli.options",
     "output": "cli.output",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from chemage.plugin import ClaimTest, Limits, decisions
 from chemage_li2018 import measures
-from chemage_li2018.decisions import CANNOT, ClaimTest, Limits
 from chemage_li2018.published import data
 from chemage_li2018.sweeps import Studies
 
@@ -32,7 +32,7 @@ class Claim:
     def word(self) -> str:
         """One of the five words."""
         if self.test is None:
-            return CANNOT
+            return decisions.CANNOT
         return self.test.word(calibrated=self.calibrated)
 
     @property
@@ -43,7 +43,7 @@ class Claim:
         more = ""
         if not self.test.decidable:
             more = "; three surfaces are needed for the noise"
-        elif self.word == CANNOT:
+        elif self.word == decisions.CANNOT:
             more = f"; {self.test.remedy}"
         return self.test.found() + more
 

@@ -7,15 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
-from chemage.plugin import statistics
-from chemage_li2018.decisions import (
-    CALIBRATED,
-    CANNOT,
-    DISAGREES,
-    POWER,
-    PREDICTED,
-    READ_AS,
-)
+from chemage.plugin import decisions, statistics
 from chemage_li2018.published import (
     DATA,
     NUMBERS,
@@ -75,7 +67,7 @@ class Line:
     def noticed(self) -> float:
         """The factor by which a number must be larger than ours to be refused in 80 %; nan if this is not known."""
         rounding = 0.5 * (self.paper.high - self.paper.low)
-        away = NormalDist().inv_cdf(POWER) * self.ours.scatter + rounding
+        away = NormalDist().inv_cdf(decisions.POWER) * self.ours.scatter + rounding
         return 1 + (self.ours.one_more + away) / abs(self.ours.value)
 
     @property
@@ -87,14 +79,14 @@ class Line:
     def word(self) -> str:
         """One of the five words, by rule."""
         if self.calibrated:
-            return CALIBRATED
+            return decisions.CALIBRATED
         if math.isnan(self.noticed):
-            return CANNOT
+            return decisions.CANNOT
         if not self.agrees(self.ours):
-            return DISAGREES
+            return decisions.DISAGREES
         if self.noticed > FACTOR:
-            return CANNOT
-        return READ_AS if self.refused or self.chosen else PREDICTED
+            return decisions.CANNOT
+        return decisions.READ_AS if self.refused or self.chosen else decisions.PREDICTED
 
 
 def lines(studies: Studies, targets: Sequence[str]) -> list[Line]:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from chemage.plugin import decisions
 from chemage_li2018 import published
 from chemage_li2018.comparisons import Line, lines
-from chemage_li2018.decisions import CALIBRATED
 from chemage_li2018.published import NUMBERS, SLOPES, PublishedNumber, window
 from chemage_li2018.sweeps import PARTIAL, WITH_PRESSURE, Studies, front, mean
 
@@ -42,7 +42,7 @@ def estimates(studies: Studies) -> Iterable[Estimate]:
     macroscopic = Line("estimates", "β", paper, mean(half), chosen=True).word
     computed = (
         (str(mean(half)), macroscopic),
-        (f"{mean(exponents)}; from 0.05 to 0.4 {mean(rougher)}", CALIBRATED),
+        (f"{mean(exponents)}; from 0.05 to 0.4 {mean(rougher)}", decisions.CALIBRATED),
         (f"{mean(full * 0.4)}; half hydroxylated with the front {mean(half * 0.4)}",),
         (f"half hydroxylated with the front {mean(half * 0.4 * PLASTIC)}",),
         (f"{mean(partial)}, {mean(partial / half)} times that with f = 0.5",),

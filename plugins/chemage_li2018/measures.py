@@ -8,9 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from chemage.plugin import FIT_WINDOW
+from chemage.plugin import FIT_WINDOW, ClaimTest, Limits
 from chemage_li2018 import shapes
-from chemage_li2018.decisions import ClaimTest, Limits
 from chemage_li2018.published import SLOPES, TABLE_1, window
 from chemage_li2018.sweeps import VOLUMES, WITH_PRESSURE, Groups, PointSet, Studies
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from chemage_li2018 import claims, comparisons, decisions, estimates, published
+from chemage.plugin import decisions
+from chemage_li2018 import claims, comparisons, estimates, published
 from chemage_li2018.claims import Claim
 from chemage_li2018.comparisons import Line
-from chemage_li2018.decisions import DISAGREES
 from chemage_li2018.estimates import Band, Estimate
 from chemage_li2018.pages import render
 from chemage_li2018.sweeps import TARGETS, read_points, studies_of
@@ -76,7 +76,7 @@ def page(results: Reproduction, targets: Sequence[str], **about: Any) -> str:
         **about,
         decisions=decisions,
         factor=comparisons.FACTOR,
-        misses=[line for line in results.lines if line.word == DISAGREES],
+        misses=[line for line in results.lines if line.word == decisions.DISAGREES],
         read=[line for line in results.lines if line.readings],
         conflict=published.DATA["conflict"],
         reasons={

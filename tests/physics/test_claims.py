@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from chemage.plugin import ClaimTest, Limits, decisions
 from chemage_li2018 import claims, shapes
-from chemage_li2018.decisions import CANNOT, DISAGREES, POWER, PREDICTED, READ_AS, ClaimTest, Limits
 from chemage_li2018.sweeps import TARGETS, read_points, studies_of
 
 STORED = Path(__file__).parents[2] / "plugins" / "chemage_li2018" / "docs" / "reproduction.npz"
@@ -56,8 +56,8 @@ def test_rivals_of_laws_are_refused_where_the_power_says_so_under_noise_drawn_ot
     for one in found:
         if one.shape and one.test.decidable:
             for name, rate in one.test.power.items():
-                if rate >= POWER:
-                    assert drawn(one.test, one.test.truth(one.test.rivals[name]), 60) >= POWER - 0.15, (
+                if rate >= decisions.POWER:
+                    assert drawn(one.test, one.test.truth(one.test.rivals[name]), 60) >= decisions.POWER - 0.15, (
                         one.sentence,
                         name,
                     )
@@ -67,10 +67,10 @@ def test_rivals_of_laws_are_refused_where_the_power_says_so_under_noise_drawn_ot
 @pytest.mark.long
 def test_the_words_of_the_page_follow_from_the_rates(found):
     for one in found:
-        if one.test and one.word in (PREDICTED, READ_AS):
-            assert min(one.test.power.values()) >= POWER
-        if one.word == DISAGREES:
-            assert one.test.support <= 1 - POWER
+        if one.test and one.word in (decisions.PREDICTED, decisions.READ_AS):
+            assert min(one.test.power.values()) >= decisions.POWER
+        if one.word == decisions.DISAGREES:
+            assert one.test.support <= 1 - decisions.POWER
 
 
 # -- shapes -----------------------------------------------------------------------------------------------------------
@@ -122,13 +122,13 @@ def judged(value: float, scatter: float, *, surfaces: int = 8, rival: float = 2.
 @pytest.mark.parametrize(
     ("test", "word"),
     [
-        (judged(1.0, 0.05), PREDICTED),
-        (judged(1.3, 0.05), DISAGREES),
-        (judged(1.0, 0.05, rival=1.11), CANNOT),
-        (judged(1.12, 0.3), CANNOT),
-        (judged(1.0, 0.05, surfaces=1), CANNOT),
-        (judged(1.0, 0.0, surfaces=1, errors=np.array([0.02])), PREDICTED),
-        (judged(1.0, 0.05, readings={"otherwise": np.full((8, 1), 1.4)}), READ_AS),
+        (judged(1.0, 0.05), decisions.PREDICTED),
+        (judged(1.3, 0.05), decisions.DISAGREES),
+        (judged(1.0, 0.05, rival=1.11), decisions.CANNOT),
+        (judged(1.12, 0.3), decisions.CANNOT),
+        (judged(1.0, 0.05, surfaces=1), decisions.CANNOT),
+        (judged(1.0, 0.0, surfaces=1, errors=np.array([0.02])), decisions.PREDICTED),
+        (judged(1.0, 0.05, readings={"otherwise": np.full((8, 1), 1.4)}), decisions.READ_AS),
     ],
 )
 def test_words_of_claims(test, word):
@@ -138,7 +138,7 @@ def test_words_of_claims(test, word):
 def test_a_test_without_power_says_what_it_would_take():
     """A rival at 1.2 with an error of 0.11 is refused in 83 % of draws, and the claim is so in 36 %."""
     test = judged(1.0, 0.3, rival=1.2)
-    assert test.word() == CANNOT
+    assert test.word() == decisions.CANNOT
     assert test.false_alarm == pytest.approx(0.36, abs=0.08)
     assert test.remedy == "16 times as many surfaces would tell" or test.remedy == "4 times as many surfaces would tell"
     assert judged(1.0, 0.3, rival=1.05).remedy == "more surfaces would not tell"

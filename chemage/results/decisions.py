@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from chemage.plugin import text
+from chemage.foundation.text import plus_minus
 
 #: an option was fitted to it; it holds under the reading of the paper that we prefer, and not under others
 CALIBRATED, READ_AS = "calibrated", "read as"
@@ -38,7 +38,7 @@ class Limits(NamedTuple):
             for word, end in (("at least", self.low), ("at most", self.high))
             if np.isfinite(end)
         ]
-        ours = text.plus_minus(factor * value, factor * error)
+        ours = plus_minus(factor * value, factor * error)
         return f"{self.name} {ours}{unit} ({', '.join(ends)})"
 
 
