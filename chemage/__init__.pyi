@@ -23,6 +23,7 @@ from chemage.studies.sweeps.result import SweepResult as SweepResult
 from chemage_rate_state.traces import Trace as Trace
 from chemage_trade.result import Tradeoff as Tradeoff
 from chemage_inference.result import UnexplainedError as UnexplainedError
+from chemage_validation.table import Validation as Validation
 from chemage.ageing.age import age as age
 from chemage.results.arrhenius import arrhenius as arrhenius
 from chemage.lattices.chemistry import chemistry as chemistry
@@ -57,6 +58,7 @@ from chemage import testing as testing
 from chemage_rate_state.traces import trace_of as trace_of
 from chemage_trade.mapping import tradeoff as tradeoff
 from chemage.plugins.registry import unregister as unregister
+from chemage_validation.table import validate as validate
 from chemage.results.files import write as write
 from chemage.results.page import write_report as write_report
 from chemage.ageing.methods import AgeingMethod

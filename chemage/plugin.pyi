@@ -11,6 +11,7 @@ from chemage.kinetics.history import BondHistory as BondHistory
 from chemage.friction.role import Bonded as Bonded
 from chemage.surfaces.role import CONTINUATIONS as CONTINUATIONS
 from chemage.plugins.options import Choice as Choice
+from chemage.results.decisions import ClaimTest as ClaimTest
 from chemage.studies.sweeps.result import Collected as Collected
 from chemage.foundation.components import Component as Component
 from chemage.contacts.options import ContactModulus as ContactModulus
@@ -44,6 +45,7 @@ from chemage.foundation.records import Indices as Indices
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
 from chemage.foundation.units import Length as Length
+from chemage.results.decisions import Limits as Limits
 from chemage.ageing.observables import Maps as Maps
 from chemage.scene.materials import Material as Material
 from chemage.scene.materials import MaterialValue as MaterialValue
@@ -115,6 +117,7 @@ from chemage.foundation.units import convert as convert
 from chemage.lattices.chemistry import coordination as coordination
 from chemage.ageing.covariance import correlated_errors as correlated_errors
 from chemage.kinetics.history import counters_of as counters_of
+from chemage.results import decisions as decisions
 from chemage.foundation.result import displays as displays
 from chemage.foundation import figures as figures
 from chemage.foundation.records import file_hash as file_hash

@@ -1,0 +1,178 @@
+"""How predictions beside published numbers are shown: a table of verdicts, one of tests, one of sources, a figure."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from chemage.plugin import Panel, Picture, Result, Table, displays, figures
+from chemage_validation.table import DATA, ValidatedRow, Validation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: distance from the published number, over that of the limit, beyond which a point is drawn at the edge
+EDGE = 3.0
+
+
+def _number(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3g}"
+
+
+def _accepted(one: ValidatedRow) -> str:
+    low, high = (_number(end) for end in one.row.limits[1:3])
+    if low == "-inf":
+        return f"below {high}"
+    return f"above {low}" if high == "inf" else f"{low} to {high}"
+
+
+def _refusals(one: ValidatedRow) -> str:
+    return "; ".join(
+        f"{name}: {'never' if math.isnan(end) else f'from {_number(end)}'}"
+        for name, end in one.refused.items()
+    )
+
+
+@displays(Validation)
+class ValidationDisplay(Result):
+    """Predictions beside published numbers as users see them."""
+
+    width = 110
+    errors = "95 % intervals over surfaces, or over groups of replicas of a tip"
+    please_cite = "Please cite what was measured:"
+
+    def __init__(self, validation: Validation) -> None:
+        self.validation = validation
+
+    @property
+    def name(self) -> str:
+        return "validation"
+
+    @property
+    def title(self) -> str:
+        return "Published numbers and predictions"
+
+    def facts(self) -> list[tuple[str, str]]:
+        count = Counter(one.verdict for one in self.validation.rows)
+        used = {one.row.set for one in self.validation.rows}
+        return [
+            ("verdicts", ", ".join(f"{n} {word}" for word, n in count.items())),
+            *(
+                (f"set {name}", f"{where['scene']}; {where['said']}")
+                for name, where in DATA["sets"].items()
+                if name in used
+            ),
+            ("*", "the set was made from this number"),
+        ]
+
+    def tables(self) -> list[Table]:
+        """Verdicts, tests, sources."""
+        verdicts, tests, sources = [], [], []
+        for one in self.validation.rows:
+            row = one.row
+            mark = "*" if row.calibrated else ""
+            found = one.prediction.text()
+            verdicts.append(
+                (row.name, row.published, row.set + mark, found, one.verdict)
+            )
+            if one.test is not None:
+                tests.append((row.name, row.number, _accepted(one), _refusals(one)))
+            else:
+                tests.append((row.name, one.reason, "", ""))
+            said = f"{row.sentence}: {row.published}, error {row.error}"
+            sources.append((row.name, said, "; ".join(row.cited)))
+        columns = (
+            ("row", "published", "set", "prediction", "verdict"),
+            ("row", "compared", "accepted", "refused in 80 %, towards"),
+            ("row", "published number", "source"),
+        )
+        titles = ("Verdicts", "Tests", "Sources")
+        rows = (verdicts, tests, sources)
+        return [
+            Table(title, heads, lines, title, in_detail=False)
+            for title, heads, lines in zip(titles, columns, rows, strict=True)
+        ]
+
+    def notes(self) -> list[str]:
+        return [
+            f"{one.row.name}: {one.reason}"
+            for one in self.validation.rows
+            if one.reason and one.test is not None
+        ]
+
+    def numbers(self) -> dict[str, Any]:
+        columns = self.columns()
+        lines = zip(*columns.values(), strict=True)
+        rows = [dict(zip(columns, line, strict=True)) for line in lines]
+        for row, one in zip(rows, self.validation.rows, strict=True):
+            row["power"] = one.test.power if one.test else {}
+            row["refused_from"] = one.refused
+        return {"rows": rows}
+
+    def columns(self) -> dict[str, Any]:
+        rows = self.validation.rows
+        texts = ("name", "sentence", "published", "error", "set")
+        shown: dict[str, Any] = {
+            name: [getattr(one.row, name) for one in rows] for name in texts
+        }
+        shown["source"], shown["doi"] = zip(
+            *(one.row.cited for one in rows), strict=True
+        )
+        shown["calibrated_on"] = [" ".join(one.row.used) for one in rows]
+        shown["compared"] = [one.row.number for one in rows]
+        shown["claimed"] = [one.row.claimed for one in rows]
+        for end in ("low", "high"):
+            shown[f"accepted_{end}"] = [
+                getattr(one.row.limits, end) if one.test else math.nan
+                for one in rows
+            ]
+        shown["prediction"] = [one.prediction.value for one in rows]
+        for end in ("low", "high"):
+            shown[f"prediction_{end}"] = [
+                getattr(one.prediction, end) for one in rows
+            ]
+        shown["verdict"] = [one.verdict for one in rows]
+        shown["reason"] = [one.reason for one in rows]
+        return shown
+
+    def cite(self) -> tuple[list[str], str]:
+        found = (", ".join(one.row.cited) for one in self.validation.rows)
+        return list(dict.fromkeys(found)), ""
+
+    def pictures(self) -> dict[str, Picture]:
+        """Distance of each prediction from the published number, over that of the limit beyond which it is refused."""
+        height = 1.2 + 0.25 * len(self._drawn())
+        return {
+            "validation": Picture((Panel(self._draw, name="rows"),), (6.4, height))
+        }
+
+    def _drawn(self) -> list[ValidatedRow]:
+        return [one for one in self.validation.rows if one.test is not None]
+
+    def _draw(self, axes: Axes, medium: Any = None) -> None:
+        verdicts = list(dict.fromkeys(one.verdict for one in self._drawn()))
+        colors = dict(zip(verdicts, figures.PALETTE, strict=False))
+        for height, one in enumerate(self._drawn()):
+            found, row = one.prediction, one.row
+            ends = np.array([found.value, found.low, found.high]) - row.claimed
+            near, far = np.abs(np.array(row.limits[1:3]) - row.claimed)
+            if ends[0] > 0:
+                near, far = far, near
+            scale = near if math.isfinite(near) else far
+            value, low, high = np.clip(ends / scale, -EDGE, EDGE)
+            axes.plot([low, high], [height, height], color=colors[one.verdict])
+            axes.plot(value, height, "o", ms=4, color=colors[one.verdict])
+        for verdict, color in colors.items():
+            axes.plot([], [], "o-", ms=4, color=color, label=verdict)
+        axes.axvspan(-1, 1, color="0.92", zorder=0)
+        names = [one.row.name for one in self._drawn()]
+        axes.set_yticks(range(len(names)), names)
+        axes.set(
+            xlim=(-1.05 * EDGE, 1.05 * EDGE),
+            xlabel="prediction − published, over the distance of the limit",
+        )
+        axes.invert_yaxis()
+        figures.legend(axes)
