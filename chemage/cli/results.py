@@ -356,7 +356,7 @@ def arrhenius(
     as_json: JsonOpt = False,
     force: ForceOpt = False,
 ) -> None:
-    """Find activation energies from results at several temperatures.
+    """Find activation energies from several temperatures.
 
     Lists β and the cut-off time at each temperature, and for each level of the friction rise the apparent activation
     energy of the time at which it is reached, with 95 % intervals.

@@ -102,9 +102,9 @@ def slip_length(
     as_csv: options.CsvOpt = False,
     force: options.ForceOpt = False,
 ) -> None:
-    """Slide two surfaces of a scene, and find the slip that renews their contact.
+    """Find the slip that renews the contact of two surfaces.
 
-    Each contact is solved from the one before, a pixel further. D_c is the mean slip since the sites came into contact.
+    They slide over each other by pixels. D_c is the mean slip since the sites came into contact.
     """
     from chemage import load_scene
     from chemage.plugin import convert, preflight
