@@ -14,6 +14,8 @@ from chemage_validation.table import DATA, ValidatedRow, Validation
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+#: what a record has as it is in rows.toml
+PLAIN = ("name", "sentence", "published", "error", "set", "number", "claimed")
 #: distance from the published number, over that of the limit, beyond which a point is drawn at the edge
 EDGE = 3.0
 
@@ -34,6 +36,23 @@ def _refusals(one: ValidatedRow) -> str:
         f"{name}: {'never' if math.isnan(end) else f'from {_number(end)}'}"
         for name, end in one.refused.items()
     )
+
+
+def _record(one: ValidatedRow) -> dict[str, Any]:
+    row, (source, doi) = one.row, one.row.cited
+    return {
+        **{name: getattr(row, name) for name in PLAIN},
+        "source": source,
+        "doi": doi,
+        "calibrated_on": " ".join(row.used),
+        "accepted_low": row.limits.low if one.test else math.nan,
+        "accepted_high": row.limits.high if one.test else math.nan,
+        **one.prediction.numbers(),
+        "power": one.test.power if one.test else {},
+        "refused_from": one.refused,
+        "verdict": one.verdict,
+        "reason": one.reason,
+    }
 
 
 @displays(Validation)
@@ -104,39 +123,11 @@ class ValidationDisplay(Result):
         ]
 
     def numbers(self) -> dict[str, Any]:
-        columns = self.columns()
-        lines = zip(*columns.values(), strict=True)
-        rows = [dict(zip(columns, line, strict=True)) for line in lines]
-        for row, one in zip(rows, self.validation.rows, strict=True):
-            row["power"] = one.test.power if one.test else {}
-            row["refused_from"] = one.refused
-        return {"rows": rows}
+        return {"rows": [*map(_record, self.validation.rows)]}
 
     def columns(self) -> dict[str, Any]:
-        rows = self.validation.rows
-        texts = ("name", "sentence", "published", "error", "set")
-        shown: dict[str, Any] = {
-            name: [getattr(one.row, name) for one in rows] for name in texts
-        }
-        shown["source"], shown["doi"] = zip(
-            *(one.row.cited for one in rows), strict=True
-        )
-        shown["calibrated_on"] = [" ".join(one.row.used) for one in rows]
-        shown["compared"] = [one.row.number for one in rows]
-        shown["claimed"] = [one.row.claimed for one in rows]
-        for end in ("low", "high"):
-            shown[f"accepted_{end}"] = [
-                getattr(one.row.limits, end) if one.test else math.nan
-                for one in rows
-            ]
-        shown["prediction"] = [one.prediction.value for one in rows]
-        for end in ("low", "high"):
-            shown[f"prediction_{end}"] = [
-                getattr(one.prediction, end) for one in rows
-            ]
-        shown["verdict"] = [one.verdict for one in rows]
-        shown["reason"] = [one.reason for one in rows]
-        return shown
+        records = [*map(_record, self.validation.rows)]
+        return {name: [one[name] for one in records] for name in records[0]}
 
     def cite(self) -> tuple[list[str], str]:
         found = (", ".join(one.row.cited) for one in self.validation.rows)

@@ -68,7 +68,7 @@ def activation(run: Run, warm: Run) -> np.ndarray:
     return np.array(found)
 
 
-class Comparison(NamedTuple):
+class Compared(NamedTuple):
     """How a number is made of values, and values of a number."""
 
     number: Callable[[np.ndarray], float]
@@ -96,15 +96,15 @@ def _bent(ratio: float, values: np.ndarray) -> np.ndarray:
 
 
 COMPARISONS = {
-    "value": Comparison(lambda x: x[0], lambda c, x: np.full_like(x, c)),
+    "value": Compared(lambda x: x[0], lambda c, x: np.full_like(x, c)),
     # of the last over the first
-    "ratio": Comparison(
+    "ratio": Compared(
         lambda x: x[-1] / x[0], lambda c, x: x[0] * np.array([1.0, c])
     ),
     # the exponent of the hold time, 5 to 90 ms
-    "power": Comparison(
+    "power": Compared(
         _power, lambda c, x: x[-1] * np.exp(c * (_steps(x) - np.log(18)))
     ),
     # slope against log t in the last decade over that in the first
-    "bend": Comparison(lambda x: (x[-1] - x[-2]) / (x[1] - x[0]), _bent),
+    "bend": Compared(lambda x: (x[-1] - x[-2]) / (x[1] - x[0]), _bent),
 }

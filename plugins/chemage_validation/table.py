@@ -164,47 +164,32 @@ class Validation:
 
     rows: Sequence[ValidatedRow]
 
-    def __getitem__(self, name: str) -> ValidatedRow:
-        return next(one for one in self.rows if one.row.name == name)
 
-
-class _Runs:
-    """Runs of scenes, each made once."""
-
-    def __init__(self) -> None:
-        self.known: dict[str, Run] = {}
-
-    def of(self, scene: str, changes: Mapping[str, Any]) -> Run:
-        key = json.dumps([scene, changes], sort_keys=True)
-        if key not in self.known:
+def _samples(row: PublishedRow, known: dict[str, Run]) -> np.ndarray:
+    """Values (samples, k) of a row; ``known`` keeps runs that other rows need."""
+    where = DATA["sets"][row.set]
+    observe = getattr(measures, row.observe)
+    found = []
+    # without surfaces the samples are groups of replicas
+    for seed in range(1, where.get("surfaces", 0) + 1) or [None]:
+        runs = []
+        for case in row.cases:
+            changes = {**where.get("change", {}), **case}
+            if seed is not None:
+                changes["surface.seed"] = seed
             for name, replaced in REPLACED.items():
                 if name in changes:
                     changes = {**replaced, **changes}
-            self.known[key] = run(load_scene(scene, changes), warn=False)
-        return self.known[key]
-
-    def samples(self, row: PublishedRow) -> np.ndarray:
-        """Values (samples, k) of a row."""
-        where = DATA["sets"][row.set]
-        observe = getattr(measures, row.observe)
-        surfaces = where.get("surfaces", 0)
-        seeds = range(1, surfaces + 1) if surfaces else [None]
-        found = []
-        for seed in seeds:
-            fixed = dict(where.get("change", {}))
-            if seed is not None:
-                fixed["surface.seed"] = seed
-            runs = [
-                self.of(where["scene"], {**fixed, **case}) for case in row.cases
-            ]
-            pairs = (
-                [runs] if row.observe == "activation" else [[one] for one in runs]
-            )
-            values = [observe(*pair) for pair in pairs]
-            if seed is not None:
-                values = [one.mean(axis=0, keepdims=True) for one in values]
-            found.append(np.concatenate(values, axis=1))
-        return np.concatenate(found)
+            key = json.dumps([where["scene"], changes], sort_keys=True)
+            if key not in known:
+                known[key] = run(load_scene(where["scene"], changes), warn=False)
+            runs.append(known[key])
+        pairs = [runs] if row.observe == "activation" else [[one] for one in runs]
+        values = [observe(*pair) for pair in pairs]
+        if seed is not None:
+            values = [one.mean(axis=0, keepdims=True) for one in values]
+        found.append(np.concatenate(values, axis=1))
+    return np.concatenate(found)
 
 
 def validate(
@@ -221,10 +206,10 @@ def validate(
     if missing := [name for name in names if name not in known]:
         raise InputError(f"row: {missing[0]!r}; there are {', '.join(known)}")
     chosen = [row for row in ROWS if not names or row.name in names]
-    runs, found = _Runs(), []
+    runs, found = {}, []
     for number, row in enumerate(chosen):
         if report is not None:
             report(number, len(chosen))
-        test = row.test(runs.samples(row)) if row.observe else None
+        test = row.test(_samples(row, runs)) if row.observe else None
         found.append(ValidatedRow(row, test))
     return Validation(found)
