@@ -29,7 +29,7 @@ ABSENT = {
         "slip",
         "stick",
     ): (
-        "laws of sliding such as rate-and-state are not modelled; a rupture law may have a speed"
+        "sliding is a pull, or the [[step]]s of a scene; chemage rate-state fits laws to it"
     ),
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
         "the temperature is constant during a hold; [[step]] changes it, and a sweep over hold.temperature compares several"

@@ -20,9 +20,9 @@ SCENE = {
 }
 ASKED = {
     "chemistry.relative_humidity": "of water there is chemistry.humidity",
-    "hold.velocity": "laws of sliding such as rate-and-state are not modelled",
-    "hold.sliding_speed": "laws of sliding such as rate-and-state are not modelled",
-    "velocity": "laws of sliding such as rate-and-state are not modelled",
+    "hold.velocity": "sliding is a pull, or the [[step]]s of a scene",
+    "hold.sliding_speed": "sliding is a pull, or the [[step]]s of a scene",
+    "velocity": "sliding is a pull, or the [[step]]s of a scene",
     "hold.temperature_programme": "the temperature is constant during a hold",
     "hold.heating_rate": "the temperature is constant during a hold",
     "wear": "wear is not modelled",
