@@ -97,7 +97,7 @@ def test_a_ramp_of_temperature_goes_on_from_the_step_before_and_hands_on_its_end
         assert binomtest(int(found.observables[f"bonds_{number}"][0]), sites, mean).pvalue > 1e-4
 
 
-@pytest.mark.parametrize("contacts", [4, 16])
+@pytest.mark.parametrize("contacts", [4, pytest.param(16, marks=pytest.mark.long)])
 def test_on_a_ramp_of_load_sites_have_the_age_of_their_contact(contacts):
     """Rows join as the load rises: N = ρ A(0) θ(t) + ρ ∫ A'(t') θ(t − t') dt', and go as it falls."""
     up = {"load": {"to": 180.0, "contacts": contacts}, "duration": 2.0, "points": 10}

@@ -383,7 +383,7 @@ def test_two_hundred_random_programmes(tmp_path):
 
 @pytest.mark.parametrize(
     ("kind", "partner"),
-    [("rejection-free", "kept"), ("pull", "new")]
+    [("rejection-free", "kept"), pytest.param("pull", "new", marks=pytest.mark.long)]
     + [pytest.param(kind, "kept", marks=pytest.mark.long) for kind in ("bkl", "next-reaction", "independent", "pull")],
 )
 def test_noise_of_steps_with_one_seed_is_uncorrelated(kind, partner):
