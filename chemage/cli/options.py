@@ -77,6 +77,10 @@ FiguresOpt = Annotated[
         help="draw figures into the folder NAME-figures beside the result"
     ),
 ]
+FigureOpt = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="draw it: .png, .pdf or .svg"),
+]
 ReplicasOpt = Annotated[
     int | None,
     typer.Option(

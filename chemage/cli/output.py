@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from chemage.cli.options import user_error
+from chemage.cli.options import FIGURES, check_ending, user_error
 from chemage.foundation import progress
 from chemage.foundation.errors import StoreError, printable
 from chemage.foundation.progress import LOGGER
@@ -397,6 +397,27 @@ def answer(
             say(f"{labels.get(name, name):8} {path}")
     for text in remarks:
         remark(text)
+
+
+def check_figure(out: Path | None, force: bool) -> None:
+    """Refuse, before anything is computed, a figure of :func:`deliver` that cannot be written."""
+    from chemage.foundation.files import preflight
+
+    if out is not None:
+        check_ending(out, FIGURES, "a figure")
+        preflight(out, force=force)
+
+
+def deliver(
+    result: Result, out: Path | None, as_json: bool, as_csv: bool, force: bool
+) -> None:
+    """Draw a result into ``out``, and print it."""
+    if out is not None:
+        save_picture(result, out, force=force)
+    if as_csv:
+        say_csv(result)
+        return
+    answer(result, as_json, (), **({"figures": out} if out else {}))
 
 
 def figures_of(path: Path) -> Path:

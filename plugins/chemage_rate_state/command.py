@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from chemage.plugin import options, output, progress
-
-if TYPE_CHECKING:
-    from chemage.plugin import Result
 
 
 def rate_state(
@@ -34,12 +31,7 @@ def rate_state(
             "result that of its spring",
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="draw the fits: .png, .pdf or .svg"
-        ),
-    ] = None,
+    out: options.FigureOpt = None,
     as_json: options.JsonOpt = False,
     as_csv: options.CsvOpt = False,
     force: options.ForceOpt = False,
@@ -49,7 +41,7 @@ def rate_state(
     Prints a, b, D_c and the stiffness with intervals, whether a law explains the trace, and which explains it better.
     """
     import chemage as ca
-    from chemage.plugin import convert, preflight
+    from chemage.plugin import convert
     from chemage_rate_state.display import RateStateDisplay
     from chemage_rate_state.fit import fit_rate_state
     from chemage_rate_state.laws import LAWS
@@ -57,9 +49,7 @@ def rate_state(
 
     if law not in (*LAWS, "both"):
         raise options.user_error(f"--law {law}: choose ageing, slip or both")
-    if out is not None:
-        options.check_ending(out, options.FIGURES, "a figure")
-        preflight(out, force=force)
+    output.check_figure(out, force)
     given = None if stiffness is None else convert(stiffness, "1/um")
     stored = file.suffix.lower() in options.RESULTS
     trace = trace_of(ca.read(file), given) if stored else read_trace(file, given)
@@ -70,7 +60,7 @@ def rate_state(
             report("fitting", number, len(laws))
             fits.append(fit_rate_state(trace, one))
         report("fitting", len(laws), len(laws))
-    _answered(RateStateDisplay(fits), out, as_json, as_csv, force)
+    output.deliver(RateStateDisplay(fits), out, as_json, as_csv, force)
 
 
 def slip_length(
@@ -89,15 +79,7 @@ def slip_length(
             help='how far they slide, such as "20 nm"; default: six mean chords of a patch',
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FILE",
-            help="draw the shares: .png, .pdf or .svg",
-        ),
-    ] = None,
+    out: options.FigureOpt = None,
     as_json: options.JsonOpt = False,
     as_csv: options.CsvOpt = False,
     force: options.ForceOpt = False,
@@ -107,28 +89,15 @@ def slip_length(
     They slide over each other by pixels. D_c is the mean slip since the sites came into contact.
     """
     from chemage import load_scene
-    from chemage.plugin import convert, preflight
+    from chemage.plugin import convert
     from chemage_rate_state.display import RenewalDisplay
     from chemage_rate_state.renewal import slip_length as measured
 
-    if out is not None:
-        options.check_ending(out, options.FIGURES, "a figure")
-        preflight(out, force=force)
+    output.check_figure(out, force)
     loaded = load_scene(scene, options.changed_fields(changes))
     length = None if slip is None else convert(slip, "nm")
     with progress.progress_bars({"sliding": "steps"}) as report:
         found = measured(
             loaded, surfaces, length, lambda step, of: report("sliding", step, of)
         )
-    _answered(RenewalDisplay(found), out, as_json, as_csv, force)
-
-
-def _answered(
-    result: Result, out: Path | None, as_json: bool, as_csv: bool, force: bool
-) -> None:
-    if out is not None:
-        output.save_picture(result, out, force=force)
-    if as_csv:
-        output.say_csv(result)
-        return
-    output.answer(result, as_json, (), **({"figures": out} if out else {}))
+    output.deliver(RenewalDisplay(found), out, as_json, as_csv, force)
