@@ -100,7 +100,7 @@ class RateStateDisplay(Result):
         trace = self.trace
         return {
             "time (s)": trace.times,
-            "displacement (um)": trace.loading.displacement(trace.times),
+            "displacement (um)": trace.way,
             "friction_coefficient": trace.friction,
             **{f"{fit.law}_law": fit.fitted for fit in self.fits},
         }
@@ -120,7 +120,7 @@ class RateStateDisplay(Result):
 
     def _drawn(self, axes: Axes, medium: Any = None) -> None:
         trace = self.trace
-        way = trace.loading.displacement(trace.times)
+        way = trace.way
         begin = trace.loading.displacement(trace.loading.times[1:2])[0]
         axes.plot(
             way - begin, trace.friction, ".", ms=1.5, color="0.7", label="trace"

@@ -29,7 +29,7 @@ COMPLETED, SOME = 3, 400
 #: times that parameters are fitted with the noise of what was left before
 REPEATED = 2
 #: what is left, in friction, of parameters at which the slider is unstable, or K D_c/a above RIGID, where no trace tells
-#: how stiff the spring is
+#: how stiff the spring is and it is not given
 UNSTABLE, RIGID = 1e3, 1e3
 #: relative step of the derivatives
 DIFFERENCE = 1e-4
@@ -42,9 +42,7 @@ A = Quantity("a", "1", "direct effect", "a", rank=Rank.FIRST)
 B = Quantity("b", "1", "evolution effect", "b", rank=Rank.FIRST)
 DIFFERENCE_OF_BOTH = Quantity("a_minus_b", "1", "velocity dependence", "a − b")
 SLIP_LENGTH = Quantity("slip_length", "um", "slip length", "D_c", rank=Rank.FIRST)
-STIFFNESS = Quantity(
-    "stiffness", "1/um", "stiffness over the normal force", "K", rank=Rank.TABLE
-)
+STIFFNESS = Quantity("stiffness", "1/um", "stiffness over the normal force", "K")
 Whiten: TypeAlias = Callable[[np.ndarray], np.ndarray]
 
 
@@ -96,7 +94,7 @@ class RateStateFit:
     @property
     def told(self) -> bool:
         """Whether noise is told from a wrong law: it is forgotten within D_c, and smaller than what is explained."""
-        change = float(np.ptp(self.fitted - self.trend * self.way))
+        change = float(np.ptp(self.fitted - self.trend * self.trace.way))
         return self.correlated < self.parameters.slip_length and self.noise < change
 
     @property
@@ -118,11 +116,6 @@ class RateStateFit:
             f"(p = {self.probability:.1g}); intervals are of a wrong law"
         )
 
-    @property
-    def way(self) -> np.ndarray:
-        """(m,) µm of the load point."""
-        return self.trace.loading.displacement(self.trace.times)
-
 
 def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
     """``law`` fitted to ``trace``, with a constant and a trend linear in displacement; the stiffness too, unless the
@@ -139,11 +132,11 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
         raise InputError(f"law: {law!r}; there are {', '.join(LAWS)}")
     misfit = _Misfit(law, trace)
     logs = misfit.begun()
-    whitening = _whitening(misfit.left(logs), trace.times)
     for _ in range(REPEATED):
-        _, logs = misfit.completed(logs, whitening.apply)
-        whitening = _whitening(misfit.left(logs), trace.times)
+        noise = _whitening(misfit.left(logs), trace.times)
+        _, logs = misfit.completed(logs, noise.apply)
     rest = misfit.left(logs)
+    whitening = _whitening(rest, trace.times)
     white = misfit.left(logs, whitening.apply)
     slopes = _slopes(lambda at: misfit.left(at, whitening.apply), logs)
     # points that the noise leaves independent
@@ -187,7 +180,7 @@ class _Misfit:
     def __init__(self, law: Law, trace: Trace) -> None:
         self.law: Law = law
         self.trace = trace
-        self.way = trace.loading.displacement(trace.times)
+        self.way = trace.way
         #: (m, 2) constant and trend
         ones = np.ones(self.way.size)
         self.columns = np.stack([ones, self.way / self.way[-1]], axis=1)
@@ -200,7 +193,8 @@ class _Misfit:
     def left(self, logs: np.ndarray, whiten: Whiten = _unchanged) -> np.ndarray:
         """(m,) what no constant and no trend explain either."""
         trace, law, at = self.trace, self.law, self.parameters(logs)
-        if at.stiffness * at.slip_length > RIGID * at.a:
+        free = trace.stiffness is None
+        if free and at.stiffness * at.slip_length > RIGID * at.a:
             return np.full(trace.times.size, UNSTABLE)
         try:
             model = change(law, at, trace.loading, trace.times)
@@ -239,6 +233,10 @@ class _Misfit:
             values = [size * guess, size * guess * ratio, length, size * stiffness]
             logs = np.log(values[: 4 if given is None else 3])
             tried.append((float(np.sum(some.left(logs) ** 2)), logs))
+        if not tried:
+            raise InputError(
+                f"{trace.name}: the {self.law} law is unstable from every start; check units and stiffness"
+            )
         tried.sort(key=lambda one: one[0])
         ends = [some.completed(logs) for _, logs in tried[:COMPLETED]]
         return min(ends, key=lambda one: one[0])[1]
@@ -328,7 +326,7 @@ def _probability(white: np.ndarray, trace: Trace, best: Parameters) -> float:
     from scipy.stats import chi2
 
     loading, squares, count = trace.loading, 0.0, 0
-    way = loading.displacement(trace.times)
+    way = trace.way
     places = loading.displacement(loading.times)
     ends = [*places[2:], way[-1]]
     for begin, end, speed in zip(places[1:], ends, loading.speeds[1:], strict=True):

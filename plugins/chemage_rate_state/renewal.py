@@ -114,7 +114,8 @@ def slip_length(
     Raises
     ------
     InputError
-        The scene has no contact of pixels, or the slip is below a pixel or above half the side.
+        The scene has no contact of pixels, its random surfaces do not repeat, or the slip is below a pixel or above half
+        the side.
     """
     loaded = load_scene(scene) if isinstance(scene, str) else scene
     pairs, pixels = [], None
@@ -148,6 +149,11 @@ def _slid(
 ) -> _Pair:
     lower = make_surface(scene.surface, seed)
     flat = not scene.is_random
+    if not (flat or lower.periodic):
+        raise InputError(
+            f"{scene.name}: the surface is random and does not repeat, so that none can slide over another; give a "
+            "periodic one"
+        )
     upper = None if flat else make_surface(scene.surface, seed + APART)
 
     def pressed(step: int, start: ContactSolution | None) -> ContactSolution:

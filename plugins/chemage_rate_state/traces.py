@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -50,6 +51,11 @@ class Trace:
             raise InputError(
                 f"{self.name}: the speed of the load point must change, from one above 0: {speeds.tolist()} µm/s"
             )
+
+    @property
+    def way(self) -> np.ndarray:
+        """(m,) µm of the load point."""
+        return self.loading.displacement(self.times)
 
     def thinned(self, points: int) -> Trace:
         """About so many of its points."""
@@ -174,7 +180,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
     Raises
     ------
     InputError
-        ``run`` has no slider, or its load changes.
+        ``run`` has no slider, or conditions change beside its speed, or in a ramp.
     """
     aging, seen = run.aging, {} if run.aging is None else run.aging.observables
     if aging is None or not {"step_speed", "step_points"} <= set(seen):
@@ -183,10 +189,19 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
         )
     speeds, points = 1e-3 * seen["step_speed"][0], seen["step_points"][0]
     loads = seen["step_load"][0]
-    if np.ptp(loads) > 0:
-        raise InputError(
-            f"{run.name}: the load changes; friction laws have one load"
-        )
+    for name, values in (("load", loads), ("temperature", seen["temperature"][0])):
+        if np.ptp(values) > 0:
+            raise InputError(
+                f"{run.name}: the {name} changes; friction laws have one {name}"
+            )
+    for number, step in enumerate(run.scene.get("step", ())):
+        for name in ("speed", "load", "spring"):
+            ramp = isinstance(step.get(name), Mapping)
+            if ramp or (name == "spring" and name in step):
+                raise InputError(
+                    f"{run.name}: step.{number}.{name}: a trace has constant speeds and one spring, that of [drive]; "
+                    "write ramps as steps"
+                )
     number = np.repeat(np.arange(points.size), points)
     slides = np.flatnonzero(speeds > 0)
     times = aging.hold_times

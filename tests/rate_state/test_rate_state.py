@@ -177,7 +177,14 @@ def test_a_simulated_programme_is_a_trace():
     assert trace.times[0] == pytest.approx(0.3, abs=0.005)
     assert trace.loading.times == pytest.approx([0.3, 0.4], abs=0.005)
     assert trace.friction[-1] == pytest.approx(run.aging.friction_drop[:, -1].mean() / 50)
-    del scene["protocol"], scene["drive"]
+    slides = [{"speed": "10 nm/s", "distance": "1 nm"}, {"speed": {"to": "100 nm/s"}, "distance": "1 nm"}]
+    del scene["protocol"]
+    with pytest.raises(InputError, match=r"step\.1\.speed: .*write ramps as steps"):
+        ca.trace_of(ca.run(scene | {"step": slides}))
+    slides[1] = {"speed": "100 nm/s", "distance": "1 nm", "temperature": "310 K"}
+    with pytest.raises(InputError, match="the temperature changes"):
+        ca.trace_of(ca.run(scene | {"step": slides}))
+    del scene["drive"]
     with pytest.raises(InputError, match="no programme of slides"):
         ca.trace_of(ca.run(scene | {"hold": {"times": [1.0]}}))
 

@@ -83,6 +83,13 @@ def test_a_slip_below_a_pixel_or_beyond_half_the_side_is_refused(slip):
         ca.slip_length(ca.parse_scene(ROUGH), surfaces=1, slip=slip)
 
 
+def test_random_surfaces_that_do_not_repeat_are_refused(monkeypatch):
+    lone = ca.Surface(heights=np.zeros((8, 8)), pixel_size=0.5, periodic=False)
+    monkeypatch.setattr("chemage_rate_state.renewal.make_surface", lambda *_: lone)
+    with pytest.raises(InputError, match="does not repeat"):
+        ca.slip_length(ca.parse_scene(ROUGH), surfaces=1)
+
+
 def test_the_command_prints_the_slip_length(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rough.toml").write_text(
