@@ -31,7 +31,7 @@ NAMES = {
     "results.arrhenius": "ActivationEnergy Arrhenius arrhenius",
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
-    "temperature_value",
+    "meanings temperature_value",
     "ageing.columns": "read_columns",
     "ageing.covariance": "correlated_errors",
     "ageing.measurements": "Measurements read_measurements read_table",
@@ -59,7 +59,7 @@ NAMES = {
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
     "foundation.files": "FileStamp file_stamp fresh_file open_file preflight regular_file write_file",
-    "foundation.result": "Ageing OfRecord Panel Picture Result Table displays result_of",
+    "foundation.result": "Ageing OfRecord Panel Picture Result Table displays drawn_picture result_of",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume array_in convert",
     "friction.pulling": "Drive Partners PullHistory Pulling partners_of pull pulling",

@@ -44,6 +44,9 @@ REPORT = """(() => {
 })()"""
 
 
+KEYS = {"ArrowRight": 39, "ArrowLeft": 37, "Tab": 9, "End": 35}
+
+
 class Browser:
     """Chromium, spoken to through a pair of pipes (the DevTools protocol), so that nothing it does goes unseen."""
 
@@ -96,7 +99,7 @@ class Browser:
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", media=media, features=scheme)
         self.events.clear()
-        self.call("Page.navigate", url=path.as_uri())
+        self.call("Page.navigate", url=path if isinstance(path, str) else path.as_uri())
         deadline = time.monotonic() + 300
         while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
             self.events.append(self._message(deadline))
@@ -113,6 +116,17 @@ class Browser:
 
     def evaluate(self, expression):
         return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def wait(self, expression):
+        """Ask until the expression is true."""
+        deadline = time.monotonic() + 300
+        while not self.evaluate(expression):
+            assert time.monotonic() < deadline, expression
+            time.sleep(0.05)
+
+    def press(self, key):
+        for kind in ("rawKeyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=KEYS[key])
 
     def screenshot(self, path, *, whole=True):
         data = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)["data"]

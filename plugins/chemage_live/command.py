@@ -1,0 +1,84 @@
+"""The command ``chemage live``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from chemage.plugin import options, output, preflight, progress, write_file
+
+
+def live(
+    scene: options.SceneArg,
+    beside: Annotated[
+        str | None,
+        typer.Option(metavar="SCENE", help="another scene on the same sliders"),
+    ] = None,
+    slide: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATH[=LOW,HIGH]",
+            help='an option to move, such as "contact.load=5 nN, 500 nN"; may be repeated; default: load, temperature '
+            "and lengths of the surface",
+        ),
+    ] = None,
+    changes: options.SetOpt = None,
+    equal_pressure: Annotated[
+        bool,
+        typer.Option(
+            "--equal-pressure",
+            help="press the other scene to the same mean contact pressure instead of with the same load",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="write one HTML file with results on a grid, which needs no server",
+        ),
+    ] = None,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="of the page; 0: any that is free")
+    ] = 0,
+    browser: Annotated[
+        bool, typer.Option(help="open the page in the browser")
+    ] = True,
+    force: options.ForceOpt = False,
+) -> None:
+    """Play with a scene in the browser: its options on sliders.
+
+    The page is served to this machine alone, at a secret address.
+    """
+    import webbrowser
+
+    from chemage import errors
+
+    errors.optional_module("bokeh", "live")
+    from chemage_live.page import Live, Page
+
+    if out is not None:
+        options.check_ending(out, (".html",), "a page")
+        preflight(out, force=force)
+    page = Page(
+        scene,
+        beside,
+        slide or (),
+        options.changed_fields(changes),
+        equal_pressure=equal_pressure,
+        in_file=out is not None,
+    )
+    if out is not None:
+        with progress.progress_bars({"computing": "results"}) as report:
+            text = page.html(lambda done, of: report("computing", done, of))
+        write_file(out, text, force=force)
+        output.say(f"page     {out}")
+        return
+    served = Live(page, port)
+    output.say(f"{served.url}\nCtrl-C ends it.")
+    if browser:
+        webbrowser.open(served.url)
+    served.thread.join()

@@ -1,0 +1,90 @@
+"""Sliders: which options of a scene they move, and over which values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from chemage import InputError, Scene, parse_scene
+from chemage.plugin import convert, meanings, registry
+
+#: the ends of a slider are this many times below and above the value of the scene; of temperatures, the second
+SPAN, WARMTH = 5.0, 1.3
+#: moved where nothing is said, with the lengths of the surface, as far as the scene has them
+FIRST = ("contact.load", "hold.temperature")
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One option and the values that it takes."""
+
+    #: dotted path into the scene
+    path: str
+    #: what the option is, as it is declared
+    meaning: str
+    #: as a scene says them: numbers, or texts with their unit
+    values: Sequence[Any]
+    #: position of the scene's own value
+    start: int
+
+
+def sliders_of(
+    data: Mapping[str, Any], asked: Sequence[str], count: int
+) -> list[Slider]:
+    """The sliders of a scene: those ``asked`` for (``PATH`` or ``PATH=LOW, HIGH``), else load, temperature and lengths of
+    the surface. ``count`` values each, and the scene's own.
+
+    Raises
+    ------
+    InputError
+        A path is no number of the scene, or a range is none.
+    """
+    scene = parse_scene(data)
+    lengths = [
+        f"surface.{name}"
+        for name in data.get("surface", {})
+        if name != "pixel_size" and scene.unit(f"surface.{name}") == "nm"
+    ]
+    found = [
+        path for path in (*FIRST, *lengths) if _number(scene, path) is not None
+    ]
+    return [_slider(scene, text, count) for text in asked or found]
+
+
+def _slider(scene: Scene, asked: str, count: int) -> Slider:
+    path, given, ends = asked.partition("=")
+    own, unit = _number(scene, path), scene.unit(path)
+    if own is None:
+        raise InputError.of("slide", path, "is no number of this scene")
+    span = WARMTH if unit == "K" else SPAN
+    range_of = [own / span, own * span]
+    if given:
+        range_of = [float(convert(end.strip(), unit)) for end in ends.split(",")]
+    if len(range_of) != 2 or not range_of[0] < range_of[1]:
+        raise InputError.of(
+            "slide", asked, f'is no range; write "{path}=LOW, HIGH"'
+        )
+    space = np.geomspace if range_of[0] > 0 else np.linspace
+    values = sorted({own, *(float(f"{x:.4g}") for x in space(*range_of, count))})
+    texts = [f"{value:.6g} {unit}" if unit else value for value in values]
+    return Slider(path, _meaning(scene, path), texts, values.index(own))
+
+
+def _number(scene: Scene, path: str) -> float | None:
+    place: Any = scene.todict()
+    for name in path.split("."):
+        place = place.get(name) if isinstance(place, Mapping) else None
+    return place if isinstance(place, float) else None
+
+
+def _meaning(scene: Scene, path: str) -> str:
+    for stage in registry.stages():
+        if path in stage.entries:
+            return str(stage.entries[path].schema.get("description", path))
+    section, _, option = path.rpartition(".")
+    return meanings(type((scene.parts | scene.sections())[section])).get(
+        option, path
+    )

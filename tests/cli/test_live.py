@@ -1,0 +1,218 @@
+"""`chemage live`: the page's numbers are those of `chemage run`, in a browser, from a file and in Python."""
+
+import base64
+import html
+import socket
+import tomllib
+import urllib.error
+import urllib.request
+from types import SimpleNamespace
+
+import pytest
+from bokeh.document import Document
+
+import chemage as ca
+from chemage.plugin import override, result_of, scene_data
+from chemage_live.model import Model, table
+from chemage_live.page import Live, Page
+from chemage_live.sliders import sliders_of
+
+#: small, and quick to age
+FEW = {"hold.replicas": 5, "hold.stop": "1 s", "hold.temperature": "290 K"}
+SLIDE = "contact.load=20 nN, 80 nN"
+
+
+@pytest.fixture(scope="module")
+def page():
+    return Page("silica-tip", slide=[SLIDE], changes=FEW, in_file=True)
+
+
+def cells(scene, **changes):
+    """The rows of a run, as they stand in the page's table."""
+    run = ca.run(override(scene_data(scene)[0], FEW | changes), warn=False)
+    return table([result_of(run)])
+
+
+def test_without_words_load_temperature_and_radius_move_about_the_scenes_own_values():
+    base = scene_data("silica-tip")[0]
+    found = sliders_of(base, (), 9)
+    assert [one.path for one in found] == ["contact.load", "hold.temperature", "surface.radius"]
+    own = {one.path: one.values[one.start] for one in found}
+    assert own == {"contact.load": "50 nN", "hold.temperature": "300 K", "surface.radius": "30 nm"}
+    assert "radius of curvature" in found[2].meaning
+    for one in found:
+        for value in (one.values[0], one.values[-1]):
+            ca.parse_scene(override(base, {one.path: value}))
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ("contact.lod", "is no number of this scene"),
+        ("contact.kind", "is no number of this scene"),
+        ("contact.load=1 nN", "is no range; write"),
+        ("contact.load=9 nN, 3 nN", "is no range"),
+        ("contact.load=1 nm, 3 nN", "nm"),
+    ],
+)
+def test_a_wrong_slider_is_refused_with_the_remedy(asked, words):
+    with pytest.raises(ca.InputError, match=words):
+        Page("silica-tip", slide=[asked])
+
+
+def test_numbers_are_those_of_a_run_and_less_is_said_while_moving(page):
+    place = len(page.sliders[0].values) - 1
+    assert page.state([place])["table"] == cells("silica-tip", **{"contact.load": "80 nN"})
+    model = Model(override(scene_data("silica-tip")[0], {"hold.stop": "1 s"}), page.sliders)
+    assert model.at([place], quick=True) == ""
+    sites = model.last.aging.sites.mean()
+    less = model.at([place], quick=True)
+    assert less == f"{int(4000 / sites)} of 200 replicas"
+    assert model.at([place]) == ""
+
+
+def test_a_scene_that_is_refused_keeps_what_there_is():
+    page = Page("silica-tip", slide=["hold.temperature=300 K, 3000 K"], changes=FEW | {"hold.temperature": "300 K"})
+    page.models[0].data["hold"]["temperature"] = "300 K"
+    page.sliders[0].values[-1] = "-5 K"
+    state = page.state([len(page.sliders[0].values) - 1])
+    assert set(state) == {"words"}
+    assert "temperature" in state["words"]
+
+
+@pytest.mark.parametrize("equal_pressure", [False, True])
+def test_another_scene_follows_at_equal_load_or_equal_mean_pressure(equal_pressure):
+    rough = "silica-patch"
+    page = Page("silica-tip", rough, [SLIDE], FEW, equal_pressure=equal_pressure, in_file=True)
+    page.models[1].data["hold"]["replicas"] = 2
+    page.state([0])
+    first, second = (model.last.contact for model in page.models)
+    if equal_pressure:
+        assert second.mean_contact_pressure == pytest.approx(first.mean_contact_pressure, rel=0.02)
+    else:
+        assert second.load == pytest.approx(first.load)
+
+
+def test_a_file_moves_in_a_browser_by_keyboard_alone_without_a_server(page, browser, tmp_path):
+    file = tmp_path / "page.html"
+    file.write_text(page.html())
+    assert file.stat().st_size < 5_000_000
+    for width in (400, 1280):
+        seen = browser.open(file, width)
+        browser.wait("Bokeh.documents[0]?.is_idle")
+        assert [url for url in seen["requests"] if not url.startswith(("file:", "data:", "blob:"))] == []
+        assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    for _ in range(20):
+        browser.press("Tab")
+        if browser.evaluate(FOCUSED):
+            break
+    browser.press("End")
+    browser.wait(f"{SLIDER}.value == {SLIDER}.end")
+    expected = cells("silica-tip", **{"contact.load": "80 nN"})
+    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('table').text") == expected
+    command = browser.evaluate("Bokeh.documents[0].get_model_by_name('command').text")
+    assert command.endswith("--set 'contact.load=80 nN'")
+    assert "--set 'hold.replicas=5'" in command
+    saved = tomllib.loads(browser.evaluate("Bokeh.documents[0].get_model_by_name('command').tags[0]"))
+    assert ca.parse_scene(saved) == ca.parse_scene(
+        override(scene_data("silica-tip")[0], FEW | {"contact.load": "80 nN"})
+    )
+
+
+SLIDER = "Bokeh.documents[0].get_model_by_name('contact.load')"
+#: what has the keyboard, below the roots of shadow trees
+FOCUSED = """(() => {
+  let one = document.activeElement
+  while (one?.shadowRoot?.activeElement) one = one.shadowRoot.activeElement
+  return one?.getAttribute("role") == "slider"
+})()"""
+
+
+@pytest.fixture(scope="module")
+def served():
+    live = Live(Page("silica-tip", slide=[SLIDE], changes=FEW | {"hold.replicas": 60}))
+    yield live
+    live.stop()
+
+
+def test_a_server_tells_the_whole_when_the_slider_rests(served, browser):
+    seen = browser.open(served.url, 1280)
+    browser.wait("Bokeh.documents[0]?.is_idle")
+    assert {url.split("/")[2] for url in seen["requests"] if url.startswith("http")} == {served.url.split("/")[2]}
+    browser.evaluate(f"{SLIDER}.value = {SLIDER}.end")
+    expected = cells("silica-tip", **{"contact.load": "80 nN", "hold.replicas": 60})
+    browser.wait(f"Bokeh.documents[0].get_model_by_name('table').text == {expected!r}")
+    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('words').text") == ""
+
+
+def test_it_is_found_on_this_machine_alone_by_who_knows_the_address(served):
+    root, _, secret = served.url.rpartition("/")
+    assert len(secret) >= 20
+    for url in (root, f"{root}/", f"{root}/live"):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(url)
+    port = int(root.rpartition(":")[2])
+    others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {
+        "127.0.0.1",
+        "127.0.1.1",
+    }
+    for address in others:
+        with pytest.raises(OSError), socket.create_connection((address, port), 2):
+            pass
+
+
+def test_a_taken_port_is_named(served, command):
+    port = served.url.split(":")[2].partition("/")[0]
+    told = command("live", "silica-tip", "--port", port, "--no-browser")
+    assert told.status != 0
+    assert f"port = {port}: is not free" in told.err
+
+
+def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(page):
+    view = page.fill(Document(), page.state([0]))
+    load = page.models[0].last.contact.load
+    forces = "hold_time (s),friction_drop (nN),error\n1,2,0.1\n10,4,0.1\n"
+    for text in (forces, "nothing\n"):
+        view["measured"] = SimpleNamespace(filename="a<b.csv", value=base64.b64encode(text.encode()).decode())
+        page.measured(view)
+    points = view["points"].data
+    assert list(points["y"]) == pytest.approx([2 / load, 4 / load])
+    assert points["high"][0] == pytest.approx((2 + 1.96 * 0.1) / load)
+    assert html.escape("a<b.csv") in view["words"].text
+
+
+def test_too_many_results_are_refused_with_the_remedy(tmp_path, command):
+    slide = ["contact.load", "surface.radius", "hold.temperature", "chemistry.bond_force"]
+    page = Page("silica-tip", slide=slide, in_file=True)
+    with pytest.raises(ca.InputError, match="choose fewer sliders"):
+        page.html()
+    told = command("live", "silica-tip", "-o", tmp_path / "page.txt")
+    assert told.status != 0
+    assert ".html" in told.err
+
+
+def test_the_command_writes_a_page(tmp_path, command):
+    file = tmp_path / "page.html"
+    told = command("live", "silica-tip", "--set", "hold.replicas=2", "--slide", SLIDE, "-o", file)
+    assert told.status == 0, told.err
+    assert "hold.replicas=2" in file.read_text()
+    again = command("live", "silica-tip", "-o", file)
+    assert again.status != 0
+    assert "--force" in again.err
+
+
+def test_a_scene_without_ageing_has_nothing_to_play_with():
+    data = {
+        name: section for name, section in scene_data("silica-tip")[0].items() if name in ("name", "surface", "contact")
+    }
+    page = Page(data, in_file=True, slide=[SLIDE])
+    with pytest.raises(ca.InputError, match="ages nothing"):
+        page.fill(Document(), page.state([0]))
+
+
+def test_a_notebook_shows_it():
+    live = ca.live("silica-tip", slide=[SLIDE])
+    assert live.url in live._repr_html_()
+    live.stop()
+    live.thread.join(20)
+    assert not live.thread.is_alive()
