@@ -119,6 +119,7 @@ from chemage.ageing.covariance import correlated_errors as correlated_errors
 from chemage.kinetics.history import counters_of as counters_of
 from chemage.results import decisions as decisions
 from chemage.foundation.result import displays as displays
+from chemage.foundation.result import drawn_picture as drawn_picture
 from chemage.foundation import figures as figures
 from chemage.foundation.records import file_hash as file_hash
 from chemage.foundation.files import file_stamp as file_stamp
@@ -130,6 +131,7 @@ from chemage.foundation.kernels import kernel as kernel
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import looks as looks
+from chemage.foundation.checks import meanings as meanings
 from chemage.foundation import memory as memory
 from chemage.foundation.errors import nearest as nearest
 from chemage.foundation.files import open_file as open_file

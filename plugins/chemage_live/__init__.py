@@ -1,4 +1,4 @@
-"""A contact with its options on sliders: in a browser, in a notebook, or as one HTML file; docs/live.md."""
+"""A contact with its options on sliders: in a browser, in a notebook, or as one HTML file; docs/scenes.md."""
 
 from __future__ import annotations
 

@@ -53,8 +53,6 @@ def live(
 
     The page is served to this machine alone, at a secret address.
     """
-    import webbrowser
-
     from chemage import errors
 
     errors.optional_module("bokeh", "live")
@@ -80,5 +78,5 @@ def live(
     served = Live(page, port)
     output.say(f"{served.url}\nCtrl-C ends it.")
     if browser:
-        webbrowser.open(served.url)
+        typer.launch(served.url)
     served.thread.join()

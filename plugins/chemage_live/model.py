@@ -47,7 +47,8 @@ class Model:
         """
         changes = self.changes(places) | ({"contact.load": load} if load else {})
         scene = parse_scene(override(self.data, changes))
-        if scene.hold is None:
+        hold = scene.hold
+        if hold is None:
             raise InputError.of(
                 "scene", self.name, "ages nothing; live shows ageing"
             )
@@ -58,8 +59,8 @@ class Model:
             scene = coarser
             less.append(f"pixels {factor} times larger")
         replicas = max(2, int(SITES / self.sites))
-        if quick and replicas < scene.hold.replicas:
-            less.append(f"{replicas} of {scene.hold.replicas} replicas")
+        if quick and replicas < hold.replicas:
+            less.append(f"{replicas} of {hold.replicas} replicas")
             scene = scene.with_hold(replicas=replicas)
         self.last = run(scene, warn=False, progress=False)
         if self.last.aging is not None:

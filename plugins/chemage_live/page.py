@@ -11,6 +11,7 @@ import tempfile
 import threading
 from base64 import b64decode
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -21,7 +22,14 @@ from jinja2 import Template
 from matplotlib.colors import to_hex
 
 from chemage import ChemageError, InputError, errors, read_measurements
-from chemage.plugin import drawn_picture, figures, override, scene_data
+from chemage.plugin import (
+    drawn_picture,
+    figures,
+    override,
+    scene_data,
+    statistics,
+    write_file,
+)
 from chemage_live.model import Model, table
 from chemage_live.sliders import sliders_of
 
@@ -128,15 +136,15 @@ class Page:
         if "table" not in state:
             raise InputError(state["words"])
         curve = self.models[0].curve
-        plot = figure(
+        plot: Any = figure(
             x_axis_type="log",
             x_axis_label=curve.axis_of.axis,
             y_axis_label=curve.axis,
             height=340,
             sizing_mode=_WIDE,
         )
-        sources = {
-            name: widgets.ColumnDataSource(dict(values))
+        sources: dict[str, Any] = {
+            name: widgets.ColumnDataSource(dict(values), name=name)
             for name, values in state.items()
             if not isinstance(values, str)
         }
@@ -242,7 +250,9 @@ class Page:
 
         for slider in view["sliders"]:
             slider.on_change("value", moved)
-        view["measured"].on_change("value", lambda *change: self.measured(view))
+        view["measured"].on_change(
+            "value", lambda attr, old, new: self.measured(view)
+        )
         document.on_session_destroyed(lambda _: moves.put(None))
         threading.Thread(target=_compute, args=(moves, tell), daemon=True).start()
         moves.put(self.starts)
@@ -261,15 +271,20 @@ class Page:
         try:
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder) / f"measured{Path(given.filename).suffix}"
-                file.write_bytes(b64decode(given.value))
+                write_file(file, b64decode(given.value))
                 read = read_measurements(file)
-            read = read.as_quantity(first.curve.name, first.last.contact.load)
+            name: Any = first.curve.name
+            shown = read.as_quantity(name, first.last.contact.load)
+            if shown is None:
+                raise InputError.of("quantity", read.quantity, f"is not {name}")
         except ChemageError as error:
             view["words"].text = escape(f"{given.filename}: {error}")
             return
-        error = 0.0 if read.error is None else 1.96 * read.error
-        ends = {"low": read.values - error, "high": read.values + error}
-        view["points"].data = {"x": read.hold_times, "y": read.values, **ends}
+        error = (
+            0.0 if shown.error is None else statistics.NORMAL_LIMIT * shown.error
+        )
+        ends = {"low": shown.values - error, "high": shown.values + error}
+        view["points"].data = {"x": shown.hold_times, "y": shown.values, **ends}
 
     def html(self, report: Callable[[int, int], None] = lambda *_: None) -> str:
         """One HTML text with the results at all places, which needs no server.
@@ -313,7 +328,7 @@ def _map(source: Any, title: str) -> Any:
     from bokeh.plotting import figure
 
     colours = figures.pressure_colours()
-    plot = figure(
+    plot: Any = figure(
         title=title,
         x_axis_label="x (nm)",
         y_axis_label="y (nm)",
@@ -325,8 +340,8 @@ def _map(source: Any, title: str) -> Any:
         palette=[to_hex(colours(level)) for level in range(256)],
         nan_color="white",
     )
-    extent = {"x": 0, "y": 0, "dw": "width", "dh": "height"}
-    plot.image("image", source=source, color_mapper=mapper, **extent)
+    extent: Any = {"x": 0, "y": 0, "dw": "width", "dh": "height"}
+    plot.image("image", source=source, **extent, color_mapper=mapper)
     plot.add_layout(widgets.ColorBar(color_mapper=mapper), "right")
     return plot
 
@@ -352,7 +367,10 @@ class Live:
     In a notebook it shows itself.
     """
 
+    loop: Any
+
     def __init__(self, page: Page, port: int = 0) -> None:
+        from bokeh.document import Document
         from bokeh.server.server import Server
         from tornado.ioloop import IOLoop
 
@@ -364,19 +382,27 @@ class Live:
                 problem = f"is not free ({error.strerror})"
                 remedy = "choose another, or 0 for any"
                 raise InputError.of("port", port, problem, remedy) from None
-        self.loop = IOLoop(make_current=False)
+        # what is wrong with the scene is said here, not in the browser
+        page.fill(Document(), page.state(page.starts, quick=True))
         where = f"/{secrets.token_urlsafe(16)}"
-        server = Server(
-            {where: page.follow},
-            io_loop=self.loop,
-            address="127.0.0.1",
-            port=port,
-            use_index=False,
-        )
-        server.start()
-        self.url = f"http://localhost:{server.port}{where}"
-        self.thread = threading.Thread(target=self.loop.start, daemon=True)
+        started: Future[str] = Future()
+
+        def serve() -> None:
+            self.loop = IOLoop()
+            server = Server(
+                {where: page.follow},
+                io_loop=self.loop,
+                address="127.0.0.1",
+                port=port,
+                use_index=False,
+            )
+            server.start()
+            started.set_result(f"http://localhost:{server.port}{where}")
+            self.loop.start()
+
+        self.thread = threading.Thread(target=serve, daemon=True)
         self.thread.start()
+        self.url = started.result()
 
     def stop(self) -> None:
         """Serve no longer."""
@@ -414,7 +440,7 @@ def live(
     Raises
     ------
     InputError
-        An option is no number of the scene, or the port is taken.
+        An option is no number of the scene, it ages nothing, or the port is taken.
     MissingError
         bokeh is not installed: ``pip install 'chemage[live]'``.
     """

@@ -63,12 +63,13 @@ def _slider(scene: Scene, asked: str, count: int) -> Slider:
     range_of = [own / span, own * span]
     if given:
         range_of = [float(convert(end.strip(), unit)) for end in ends.split(",")]
-    if len(range_of) != 2 or not range_of[0] < range_of[1]:
+    low, high = range_of if len(range_of) == 2 else (0.0, 0.0)
+    if not low < high:
         raise InputError.of(
             "slide", asked, f'is no range; write "{path}=LOW, HIGH"'
         )
-    space = np.geomspace if range_of[0] > 0 else np.linspace
-    values = sorted({own, *(float(f"{x:.4g}") for x in space(*range_of, count))})
+    space = np.geomspace if low > 0 else np.linspace
+    values = sorted({own, *(float(f"{x:.4g}") for x in space(low, high, count))})
     texts = [f"{value:.6g} {unit}" if unit else value for value in values]
     return Slider(path, _meaning(scene, path), texts, values.index(own))
 

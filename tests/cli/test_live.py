@@ -12,7 +12,7 @@ import pytest
 from bokeh.document import Document
 
 import chemage as ca
-from chemage.plugin import override, result_of, scene_data
+from chemage.plugin import override, result_of, scene_data, statistics
 from chemage_live.model import Model, table
 from chemage_live.page import Live, Page
 from chemage_live.sliders import sliders_of
@@ -177,7 +177,7 @@ def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(pag
         page.measured(view)
     points = view["points"].data
     assert list(points["y"]) == pytest.approx([2 / load, 4 / load])
-    assert points["high"][0] == pytest.approx((2 + 1.96 * 0.1) / load)
+    assert points["high"][0] == pytest.approx((2 + statistics.NORMAL_LIMIT * 0.1) / load)
     assert html.escape("a<b.csv") in view["words"].text
 
 
