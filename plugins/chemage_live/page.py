@@ -267,16 +267,18 @@ class Page:
 
     def measured(self, view: Mapping[str, Any]) -> None:
         """Draw the points of the table in ``view["measured"]``, or say what is wrong with it."""
-        given, first = view["measured"], self.models[0]
+        given = view["measured"]
         try:
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder) / f"measured{Path(given.filename).suffix}"
                 write_file(file, b64decode(given.value))
                 read = read_measurements(file)
-            name: Any = first.curve.name
-            shown = read.as_quantity(name, first.last.contact.load)
+            name: Any = self.models[0].curve.name
+            # at the load of the measurement: that of the slider moves
+            shown = read.as_quantity(name, None)
             if shown is None:
-                raise InputError.of("quantity", read.quantity, f"is not {name}")
+                problem = f"is not {name}; give the load of the measurement"
+                raise InputError.of("quantity", read.quantity, problem)
         except ChemageError as error:
             view["words"].text = escape(f"{given.filename}: {error}")
             return

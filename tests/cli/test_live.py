@@ -170,15 +170,20 @@ def test_a_taken_port_is_named(served, command):
 
 def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(page):
     view = page.fill(Document(), page.state([0]))
-    load = page.models[0].last.contact.load
     forces = "hold_time (s),friction_drop (nN),error\n1,2,0.1\n10,4,0.1\n"
-    for text in (forces, "nothing\n"):
+    loaded = "hold_time (s),friction_drop (nN),error,load (nN)\n1,2,0.1,20\n10,4,0.1,20\n"
+    told = []
+    for text in (loaded, forces, "nothing\n"):
         view["measured"] = SimpleNamespace(filename="a<b.csv", value=base64.b64encode(text.encode()).decode())
         page.measured(view)
+        told.append(view["words"].text)
     points = view["points"].data
-    assert list(points["y"]) == pytest.approx([2 / load, 4 / load])
-    assert points["high"][0] == pytest.approx((2 + statistics.NORMAL_LIMIT * 0.1) / load)
-    assert html.escape("a<b.csv") in view["words"].text
+    # at the load of the measurement, wherever the slider is
+    assert list(points["y"]) == pytest.approx([2 / 20, 4 / 20])
+    assert points["high"][0] == pytest.approx((2 + statistics.NORMAL_LIMIT * 0.1) / 20)
+    assert told[0] == ""
+    assert "give the load of the measurement" in told[1]
+    assert html.escape("a<b.csv") in told[2]
 
 
 def test_too_many_results_are_refused_with_the_remedy(tmp_path, command):
