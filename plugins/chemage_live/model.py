@@ -54,10 +54,12 @@ class Model:
             )
         less = []
         grids = scene.site_grids
-        factor = math.ceil(max(grids[0]) / PIXELS) if quick and grids else 1
-        if factor > 1 and (coarser := scene.coarser(factor)) is not None:
-            scene = coarser
-            less.append(f"pixels {factor} times larger")
+        most = math.ceil(max(grids[0]) / PIXELS) if quick and grids else 1
+        for factor in range(most, 1, -1):
+            if (coarser := scene.coarser(factor)) is not None:
+                scene = coarser
+                less.append(f"pixels {factor} times larger")
+                break
         replicas = max(2, int(SITES / self.sites))
         if quick and replicas < hold.replicas:
             less.append(f"{replicas} of {hold.replicas} replicas")

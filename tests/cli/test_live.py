@@ -71,6 +71,21 @@ def test_numbers_are_those_of_a_run_and_less_is_said_while_moving(page):
     assert model.at([place]) == ""
 
 
+def test_while_moving_a_large_contact_has_larger_pixels_and_the_same_sites():
+    data = override(
+        scene_data("silica-rough")[0],
+        {"surface.pixels": 1250, "surface.zeta": 75, "hold.replicas": 2, "hold.stop": "1 s"},
+    )
+    model = Model(data, sliders_of(data, (), 5))
+    places = [slider.start for slider in model.sliders]
+    assert model.at(places, quick=True) == "pixels 2 times larger"
+    assert model.last.contact.shape == (625, 625)
+    sites = model.last.aging.sites.mean()
+    assert model.at(places) == ""
+    assert model.last.contact.shape == (1250, 1250)
+    assert sites == pytest.approx(model.last.aging.sites.mean(), rel=0.05)
+
+
 def test_a_scene_that_is_refused_keeps_what_there_is():
     page = Page("silica-tip", slide=["hold.temperature=300 K, 3000 K"], changes=FEW | {"hold.temperature": "300 K"})
     page.models[0].data["hold"]["temperature"] = "300 K"
