@@ -126,7 +126,7 @@ def test_a_row_that_is_not_there_is_refused():
         validate(["afm"])
 
 
-@pytest.mark.long
+@pytest.mark.campaign
 def test_the_whole_table_is_made_within_five_minutes_and_has_every_verdict():
     begin = time.process_time()
     found = validate()
