@@ -491,6 +491,8 @@ def build_lattice(
         "make one with chemage.chemistry(forming=...)",
     )
     expect_contact(contact)
+    # derived before replicas share it, so that a plugin that changes it is found whichever is the first
+    _ = contact.sites
     lattice, took_part, recorded = registry.current().answer(
         "chemage_build_lattice",
         ReactionLattice,

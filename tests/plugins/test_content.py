@@ -27,11 +27,11 @@ SOLVE, RUN, RUPTURE = "chemage_solve_contact", "chemage_run_kinetics", "chemage_
 MAKE, BUILD, OBSERVE = "chemage_make_surface", "chemage_build_lattice", "chemage_observe"
 
 
-def ran(**functions) -> ca.Run:
+def ran(replicas=2, **functions) -> ca.Run:
     """A run with a plugin of these hooks, named 'guilty'."""
     with registry.using(registry.Registry()) as installed:
         installed.register(type("Tiny", (), functions), "guilty")
-        return ca.run(SCENE)
+        return ca.run({**SCENE, "hold": {**SCENE["hold"], "replicas": replicas}})
 
 
 def wrapper(change, old=False):
@@ -125,11 +125,12 @@ ARGUMENTS = {
 }
 
 
+@pytest.mark.parametrize("replicas", [1, 2])
 @pytest.mark.parametrize("name", ARGUMENTS)
-def test_an_argument_that_a_hook_changes_in_place_is_refused_and_named(name):
+def test_an_argument_that_a_hook_changes_in_place_is_refused_and_named(name, replicas):
     hook, arguments, change, named = ARGUMENTS[name]
     with pytest.raises(PluginError) as caught:
-        ran(**{hook: argument(arguments, change)})
+        ran(replicas, **{hook: argument(arguments, change)})
     assert str(caught.value).startswith(f"plugin 'guilty' (Tiny): {hook} changed {named} in place")
     assert f"in the hook {hook} of plugin 'guilty' (Tiny): " in caught.value.__notes__[0]
 
