@@ -3,7 +3,7 @@
 python tests/benchmarks/histories.py loads --pixels 512 --count 20
 python tests/benchmarks/histories.py holds --sites 1000000
 python tests/benchmarks/histories.py chains --count 200
-python tests/benchmarks/histories.py slip
+python tests/benchmarks/histories.py slip --k-on 1 1e4 --speed 0.01 1e4
 python tests/benchmarks/histories.py maximum
 python tests/benchmarks/histories.py peaks
 """
@@ -11,14 +11,20 @@ python tests/benchmarks/histories.py peaks
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 
+import numba as nb
 import numpy as np
 
 import chemage as ca
+from chemage.plugin import pull
+from chemage_kinetics import _pulling as kernel
+from chemage_kinetics.pulling import _Job as kernel_job
 
 ROOT = Path(__file__).parents[2]
 sys.path += [str(ROOT / "tests" / "stubs"), str(ROOT / "tests" / "history")]
@@ -90,40 +96,164 @@ def chains(count: int) -> None:
     print(f"{count} random programmes: same bytes")
 
 
-def slip(decades: int, bonds: float, most: float) -> None:
-    """All figures of equal sites, for k_on of 1 to 10⁴ /s and 0.01 to 10⁴ nm/s."""
-    from test_slip import slip_figures
+class FewBonds:
+    """Equal sites few of which are bonded at a time: the kernel of the pull itself follows them through steps without
+    end, because to hand over a million sites at every step would take a hundred times as long as their few events."""
 
-    every = {}
-    for k_on in 10.0 ** np.arange(decades):
-        for speed in 10.0 ** np.arange(-2, -2 + 7 * decades // 5):
-            seconds, answer = spent(lambda k=k_on, v=speed: slip_figures(k, v, bonds, most, 20))
-            shown = ", ".join(f"{name} {100 * off:+.2f} ± {100 * error:.2f}" for name, (off, error) in answer.items())
-            print(f"{k_on:g}/s, {speed:g} nm/s: {shown} % ({seconds:.0f} s)", flush=True)
-            largest = answer.pop("largest of a replica")
-            every[k_on, speed] = np.array(list(answer.values())), largest
-    values = np.array([one for one, _ in every.values()])
-    names = list(answer)
-    print(
-        f"{'':24}rms, largest in standard errors; weighted mean, largest, and largest where errors are below 1/3, in %"
+    def __init__(self, sites: int, model) -> None:
+        from pulled_models import lattice_of
+
+        how = lattice_of(sites, model.forming, 0.8), np.zeros(1), 300.0, 0, None, model.drive, None
+        run = kernel_job("event-driven", *how).prepared()
+        # of no size to what sums the energy of all bonds, which nobody needs here
+        self.run, self.sites, self.time = run._replace(words=run.words[:0]), sites, 0.0
+
+    def go(self, speed: float, times) -> np.ndarray:
+        """(m, 2) force (nN) and work (nN nm) of the drive, per site, at ``times`` (s) of a step at this speed."""
+        seen = self.time + np.asarray(times)
+        fresh = {"samples": np.zeros((seen.size, 6)), "tallies": np.zeros((seen.size, 3), np.int64)}
+        run = self.run = self.run._replace(drive=self.run.drive._replace(speed=speed), times=seen, **fresh)
+        run.counts[[kernel.HOLD, kernel.DONE]] = 0
+        while not run.counts[kernel.DONE]:
+            kernel.advance(run, None, 1 << 19)
+        self.time = float(seen[-1])
+        halt(run, self.time)
+        return run.samples[:, [kernel.FORCE, kernel.WORKED]] / self.sites
+
+    def stretches(self) -> np.ndarray:
+        """nm, of all bonds."""
+        out = np.empty(self.run.counts[kernel.BONDS])
+        listed(self.run, out)
+        return out
+
+
+@nb.njit
+def halt(run, time):
+    """Go to ``time`` (s), before which nothing happens."""
+    span = time - run.reals[kernel.HIGH] - run.reals[kernel.LOW]
+    work, _, way = kernel._work(run, span)
+    run.reals[kernel.LEFT] = max(run.reals[kernel.LEFT] - kernel.tree_total(run.rates) * span, 0.0)
+    kernel._two_sum(run.reals, kernel.WORK, work)
+    run.reals[kernel.HIGH], run.reals[kernel.LOW] = time, 0.0
+    kernel._shift(way, run)
+
+
+@nb.njit
+def listed(run, out):
+    """The stretch of every bond, nm."""
+    n = 0
+    for slot in range(run.heads.size):
+        i = run.heads[slot]
+        while i >= 0:
+            out[n] = kernel._present_stretch(i, run)
+            n += 1
+            i = run.links[i, 0]
+
+
+def few_bonds(k_on: float, speed: float, names: set[str], error: float) -> dict[str, tuple[float, float]]:
+    """The figures ``names`` of `slip_figures`, of sites that go through the steps again and again until the
+    standard errors are ``error``. There is no long hold, in which all sites would bind: the force after one is that of
+    the bonds of steady sliding alone, which are collected for it."""
+    from test_slip import slip_programme
+
+    model, exact, steps = slip_programme(k_on, speed, holds=["short"])
+    slide = model.mean_stretch / speed
+    contact = FewBonds(int(np.clip(1e3 * (1 + 1 / (k_on * slide)), 1e5, 4e6)), model)
+    contact.go(speed, [40 * slide])
+    chain = dict(zip(exact, steps, strict=True))
+    chain.pop("steady")
+    wanted = [v / m**2 for name in names & {*chain} if (v := exact[name][1]) for m in [exact[name][0]]]
+    seen: dict[str, list[float]] = {name: [] for name in chain}
+    for _ in range(math.ceil(max(wanted, default=0.0) / error**2 / contact.sites)):
+        for name, (moving, times) in chain.items():
+            rows = contact.go(moving, times[1:])
+            mean = np.diff(rows[:, 1])[-1] / np.diff(times)[-1] / moving if moving else 0.0
+            seen[name].append(mean if exact[name][1] is None else rows[0, 0])
+    answer = {}
+    for name in names & {*chain}:
+        mean, variance = exact[name]
+        found = np.array(seen[name])
+        spread = found.var(ddof=1) if variance is None else variance / contact.sites
+        answer[name] = (found.mean() / mean - 1, (spread / found.size) ** 0.5 / mean)
+    if names & {"steady", "after a long hold"}:
+        answer |= long_hold(k_on, speed, contact, error)
+    return answer
+
+
+def long_hold(k_on: float, speed: float, contact: FewBonds, error: float) -> dict[str, tuple[float, float]]:
+    """Steady force, and force after the long hold of the bonds of steady sliding."""
+    from pulled_models import lattice_of
+    from test_slip import SLIDER, at, slip_programme
+
+    model, exact, steps = slip_programme(k_on, speed, holds=["long"])
+    force, variance = exact["after a long hold"]
+    bonds, works = [], []
+    # by so far that hardly a bond is seen twice
+    way, slides = 3 * model.mean_stretch, 10
+    count = max(10, math.ceil(variance / force**2 / error**2 / contact.sites / slides))
+    for _ in range(count):
+        begin = contact.go(speed, [0.0])[0, 1]
+        for _ in range(slides):
+            end = contact.go(speed, [way / speed])[0, 1]
+            bonds.append(contact.stretches())
+        works.append((end - begin) / (slides * way * model.mean_force))
+    stretch, long = np.concatenate(bonds), steps[1][1][-1]
+    lattice = lattice_of(stretch.size, model.forming, 0.8)
+    start = pull(SLIDER.engine, lattice, at(0.0), [0.0], temperature=300, start=np.ones(stretch.size, bool))
+    kappa = model.drive.bond_stiffness
+    energy, all_of_them = np.array([kappa * (stretch**2).sum() / 2]), np.array([kappa * stretch.sum()])
+    start = start.handed_on().model_copy(
+        update={"stretch": stretch, "force": all_of_them, "peak": all_of_them[0], "work": energy, "stored": energy}
     )
-    for number, name in enumerate(names):
+    held = pull(SLIDER.engine, lattice, at(0.0), [long], temperature=300, start=start)
+    sites = count * slides * contact.sites
+    return {
+        "after a long hold": (held.force[-1] / sites / force - 1, (variance / sites) ** 0.5 / force),
+        "steady": (np.mean(works) - 1, np.std(works, ddof=1) / count**0.5),
+    }
+
+
+def slip_case(k_on: float, speed: float, most: int, error: float) -> dict[str, tuple[float, float]]:
+    """All figures of one case; those with larger errors than ``error`` are of the few bonds there are, which go on."""
+    from test_slip import slip_figures, slip_programme
+
+    _, exact, _ = slip_programme(k_on, speed)
+    need = max((variance or 0.0) / mean**2 for mean, variance in exact.values()) / error**2
+    answer = slip_figures(k_on, speed, int(min(need, most)), 20)
+    names = {name for name in exact if answer[name][1] > error * 1.1}
+    return answer | {name: value for name, value in few_bonds(k_on, speed, names, error).items() if name in names}
+
+
+def slip(k_ons: list[float], speeds: list[float], most: int, error: float) -> None:
+    """All figures of equal sites in every case."""
+    every, total = {}, 0.0
+    for k_on, speed in product(k_ons, speeds):
+        seconds, answer = spent(lambda k=k_on, v=speed: slip_case(k, v, most, error))
+        total += seconds
+        largest = answer.pop("largest of a replica")
+        shown = ", ".join(f"{name} {100 * off:+.2f} ± {100 * e:.2f}" for name, (off, e) in answer.items())
+        print(f"{k_on:g}/s, {speed:g} nm/s: {shown} % ({seconds:.0f} s)", flush=True)
+        every[k_on, speed] = np.array(list(answer.values())), largest
+    values = np.array([one for one, _ in every.values()])
+    print(f"{'':30}rms, largest in standard errors; weighted mean, largest deviation, largest standard error, in %")
+    for number, name in enumerate(answer):
         off, error = values[:, number].T
-        there = error > 0
-        z, small = off[there] / error[there], there & (error < 0.0033)
-        weights = error[there] ** -2.0
-        mean, spread = np.average(off[there], weights=weights), weights.sum() ** -0.5
+        z, weights = off / error, error**-2.0
+        mean, spread = np.average(off, weights=weights), weights.sum() ** -0.5
         print(
-            f"{name:24}{np.sqrt(np.mean(z**2)):.2f} {np.abs(z).max():.2f}; {100 * mean:+.3f} ± {100 * spread:.3f}, "
-            f"{100 * np.abs(off).max():.2f}, {100 * np.abs(off[small]).max(initial=0.0):.2f} ({small.sum()} of {off.size})"
+            f"{name:30}{np.sqrt(np.mean(z**2)):.2f} {np.abs(z).max():.2f}; {100 * mean:+.3f} ± {100 * spread:.3f}, "
+            f"{100 * np.abs(off).max():.2f}, {100 * error.max():.2f}"
         )
+    off, error = values.reshape(-1, 2).T
+    within = (np.abs(off) <= 3 * error) & (np.abs(off) <= 0.01)
+    print(f"{within.sum()} of {off.size} figures within 3 standard errors and 1 %; {total:.0f} s of CPU")
 
 
-def maximum(decades: int, bonds: float) -> None:
+def maximum(k_ons: list[float], bonds: float) -> None:
     """Where steady friction is largest (Schallamach), over k_on."""
     from test_slip import place_of_maximum
 
-    for k_on in 10.0 ** np.arange(decades):
+    for k_on in k_ons:
         exact, found, error = place_of_maximum(k_on, bonds, 20)
         print(f"k_on {k_on:g}/s: V*/k_on {exact:.5f} nm, measured {found:.5f} ± {error:.5f} nm", flush=True)
 
@@ -147,18 +277,20 @@ def main() -> None:
     parser.add_argument("--pixels", type=int, default=512)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--sites", type=int, default=1_000_000)
-    parser.add_argument("--decades", type=int, default=5)
+    parser.add_argument("--k-on", type=float, nargs="+", default=[10.0**n for n in range(5)], help="1/s")
+    parser.add_argument("--speed", type=float, nargs="+", default=[10.0**n for n in range(-2, 5)], help="nm/s")
     parser.add_argument("--bonds", type=float, default=1e5)
-    parser.add_argument("--most", type=float, default=4e6)
+    parser.add_argument("--most", type=int, default=1_000_000)
+    parser.add_argument("--error", type=float, default=0.003)
     chosen = parser.parse_args()
     if chosen.what == "loads":
         loads(chosen.pixels, chosen.count)
     elif chosen.what == "holds":
         holds(chosen.sites)
     elif chosen.what == "slip":
-        slip(chosen.decades, chosen.bonds, chosen.most)
+        slip(chosen.k_on, chosen.speed, chosen.most, chosen.error)
     elif chosen.what == "maximum":
-        maximum(chosen.decades, chosen.bonds)
+        maximum(chosen.k_on, chosen.bonds)
     elif chosen.what == "peaks":
         peaks()
     else:
