@@ -23,21 +23,12 @@ CONDITIONS = {
 FILLED = 0.75
 
 
-def time_axis(
-    times: np.ndarray, number: np.ndarray, speeds: np.ndarray
-) -> np.ndarray:
-    """(m,) places of times, of the steps with this ``number``, on an axis on which each step has the width 1; it is
-    logarithmic at rest."""
-    places = number.astype(float)
-    for step, speed in enumerate(speeds):
-        own = number == step
-        passed = times[own] - times[own][0]
-        part = passed / (passed[-1] or 1.0)
-        if not speed and passed.size > 2 and passed[1] > 0:
-            decades = np.log10(passed[1:] / passed[1])
-            part = np.append(0.0, (1 + decades) / (1 + decades[-1]))
-        places[own] += part
-    return places
+def time_axis(times: np.ndarray, speed: float) -> np.ndarray:
+    """(m,) places from 0 to 1 of the times of a step; the axis is logarithmic at rest."""
+    passed = times - times[0]
+    if not speed and passed.size > 2 and passed[1] > 0:
+        passed[1:] = 1 + np.log10(passed[1:] / passed[1])
+    return passed / (passed[-1] or 1.0)
 
 
 def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
@@ -48,17 +39,18 @@ def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
             continue
         times, seen = aging.hold_times, aging.observables
         points = seen.get("step_points", np.array([[times.size]]))[0]
-        number = np.repeat(np.arange(points.size), points)
         speeds = seen.get("step_speed", np.zeros((1, 1)))[0]
-        places = time_axis(times, number, speeds)
-        begins = [*times[np.unique(number, return_index=True)[1]], times[-1]]
+        steps = np.split(times, np.cumsum(points)[:-1])
+        parts = enumerate(zip(steps, speeds, strict=True))
+        places = np.concatenate([k + time_axis(*part) for k, part in parts])
+        begins = [*(own[0] for own in steps), times[-1]]
         ticks = [text.power_text(float(time)) for time in begins]
         axes.set_xticks(range(len(ticks)), ticks)
         curves = {"bonds": aging.bonds, "force (nN)": aging.friction_drop}
         for name, label in CONDITIONS.items():
-            if name in seen and np.ptp(seen[name]) > 0:
-                of_steps = seen[name].shape[1] == points.size
-                curves[label] = seen[name][:, number] if of_steps else seen[name]
+            if name in seen and np.ptp(values := seen[name]) > 0:
+                of_steps = name.startswith("step_")
+                curves[label] = np.repeat(values, points, 1) if of_steps else values
         for label, values in curves.items():
             bands.setdefault(label, []).append((one, places, values.mean(axis=0)))
     for bottom, (label, drawn) in enumerate(bands.items()):

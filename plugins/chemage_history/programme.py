@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from chemage import (
+    ChemageError,
     Chemistry,
     ContactSolution,
     InputError,
@@ -100,13 +101,48 @@ def follow(
     if ramps:
         how["ramp"] = Ramp(**ramps)
     if not segment.driven and not isinstance(state, PullHistory):
-        return run_kinetics(engine, lattice, segment.times, start=state, **how)
+        how["start"] = state
+        return in_contact(
+            run_kinetics(engine, lattice, segment.times, **how), lattice
+        )
     assert drive is not None
     # every step is a pull of its own, with its own peak
     start = state.handed_on() if isinstance(state, PullHistory) else state
     return pull(
         drive.engine, lattice, drive.at(first), segment.times, start=start, **how
     )
+
+
+def in_contact(history: BondHistory, lattice: ReactionLattice) -> BondHistory:
+    """The same without the sites that are not in contact in the numbers of sites in each state: these are in the one in
+    which sites begin."""
+    name = f"sites_{(lattice.states or ['free'])[lattice.initial or 0]}"
+    if name not in history.observables:
+        return history
+    absent = np.count_nonzero(lattice.forming >= ABSENT / 2)
+    counts = history.observables[name] - absent
+    return history.model_copy(
+        update={"observables": {**history.observables, name: counts}}
+    )
+
+
+def along_times(state: State) -> dict[str, np.ndarray]:
+    """What engine and plugins recorded at each time."""
+    return {
+        name: state.observables[name]
+        for name, output in state.outputs.items()
+        if output["dims"][:1] == ["hold_time"]
+    }
+
+
+def last_force(segment: Segment, solver: ContactSolver, surface: Any) -> float:
+    """The load at the end of a step, nN."""
+    force = solver.normal_force(segment.last.load, surface)
+    if segment.contacts and type(force) is not float:
+        raise InputError(
+            "load: a ramp ends at a force or a nominal pressure, not at a contact that is to be found"
+        )
+    return force
 
 
 def softened(solver: ContactSolver, ratio: float) -> ContactSolver:
@@ -196,41 +232,49 @@ class Programme(AgeingMethod):
 
     def check_sections(self, parts: Mapping[str, Any]) -> None:
         """Refuse steps that are not complete, and a scene whose sections contradict them."""
-        chemistry = parts["chemistry"]
+        chemistry, solver = parts["chemistry"], parts["contact"]
         if self.driven and chemistry.breaking is None:
             raise InputError("bonds last, so that nothing slides; give [breaking]")
         if self.driven and chemistry.states is not None:
             raise InputError(
                 "a drive pulls at sites that are free or bonded; leave out the transitions, or the speeds"
             )
-        for humidity in {one.first.humidity for one in self.segments} - {None}:
-            chemistry.replace(humidity=humidity)
         if not parts["engine"].restart:
             raise InputError(
                 "the engine cannot go on from a history; use another one"
             )
+        pressures = any(isinstance(one.last.load, str) for one in self.segments)
+        surface = parts["surface"].expected() if pressures else {}
+        for number, one in enumerate(self.segments):
+            try:
+                if one.first.humidity is not None:
+                    chemistry.replace(humidity=one.first.humidity)
+                softened(solver, one.first.hardness_ratio)
+                if one.last.load is not None:
+                    last_force(one, solver, surface)
+            except ChemageError as error:
+                raise InputError(f"step {number}: {error}") from error
 
     def contacts(self, request: AgeingRequest) -> list[list[ContactSolution]]:
         """The contacts of each step, several where its load changes meanwhile, each solved from the one before; of
         conditions that come back the same one, unless the contact remembers."""
-        contact, solver = request.solution, request.solver
-        surface, scene = request.surface, contact.load
-        solved: dict[Any, ContactSolution] = {(scene, 1.0): contact}
+        contact, solver, surface = request.solution, request.solver, request.surface
+        solved: dict[Any, ContactSolution] = {(contact.load, 1.0): contact}
         found: list[list[ContactSolution]] = []
         for segment in self.segments:
-            first = scene if segment.first.load is None else segment.first.load
-            loads, ratio = [first], segment.first.hardness_ratio
+            ratio, load = segment.first.hardness_ratio, segment.first.load
+            load = contact.load if load is None else load
             if surface is None or solver is None:
-                if segment.contacts or (first, ratio) not in solved:
+                if segment.contacts or (load, ratio) not in solved:
                     raise InputError(
                         "load: to change it, give the surface and the solver"
                     )
                 found.append([contact])
                 continue
+            loads = [load]
             if segment.contacts:
-                first = solver.normal_force(first, surface)
-                last = solver.normal_force(segment.last.load, surface)
-                loads = np.linspace(first, last, segment.contacts + 1).tolist()
+                ends = contact.load, last_force(segment, solver, surface)
+                loads = np.linspace(*ends, segment.contacts + 1).tolist()
             found.append([])
             for load in loads:
                 if (load, ratio) not in solved:
@@ -252,29 +296,28 @@ class Programme(AgeingMethod):
             raise InputError("hold_times: are not those of the steps; give times()")
         contacts = self.contacts(request)
         replicas = request.each(lambda n: self._replica(request, n, contacts))
-        notes = []
+        every, recorded, provenances, said = zip(*replicas, strict=True)
+        notes = [*said[0]]
         if self.driven:
             notes.append("friction is the force of the drive, not a drop by a hold")
         if len({contact.load for each in contacts for contact in each}) > 1:
             notes.append("friction coefficients are over the load of the scene")
-
-        every, provenances, said = zip(*replicas, strict=True)
-
-        def stacked(name: str) -> np.ndarray:
-            return np.stack([values[name] for values in every])
-
-        outputs = {**OUTPUTS, **self.protocol.outputs}
+        outputs = {**recorded[0], **OUTPUTS, **self.protocol.outputs}
         if not self.driven:
             del outputs["slider"]
         made = [one for each in provenances for one in each]
+        values = {
+            name: np.stack([one[name] for one in every])
+            for name in ("bonds", "force", "sites", "events", *outputs)
+        }
         return AgedBonds(
-            bonds=stacked("bonds"),
-            sites=stacked("sites"),
-            events=stacked("events"),
-            rupture_force=stacked("force") if self.driven else None,
-            observables={name: stacked(name) for name in outputs},
+            bonds=values["bonds"],
+            sites=values["sites"],
+            events=values["events"],
+            rupture_force=values["force"] if self.driven else None,
+            observables={name: values[name] for name in outputs},
             outputs=outputs,
-            notes=(*said[0], *notes),
+            notes=tuple(notes),
             plugins={k: v for plugins, _ in made for k, v in plugins.items()},
             approximate=[entry for _, entries in made for entry in entries],
         )
@@ -286,43 +329,43 @@ class Programme(AgeingMethod):
         disorder: Seed,
     ) -> dict[Any, tuple[ReactionLattice, Chemistry]]:
         """Those of a replica on all sites, with their chemistry, by the id of the contact and the humidity."""
-        conditions = {
-            (id(contact), segment.first.humidity): contact
-            for segment, each in zip(self.segments, contacts, strict=True)
-            for contact in each
-        }
-        chemistries = [
-            request.chemistry
-            if humidity is None
-            else request.chemistry.replace(humidity=humidity)
-            for _, humidity in conditions
-        ]
-        pairs = zip(chemistries, conditions.values(), strict=True)
-        built = [build_lattice(one, contact, disorder) for one, contact in pairs]
-        found = zip(on_all_sites(built), chemistries, strict=True)
-        return dict(zip(conditions, found, strict=True))
+        chemistries: dict[Any, Chemistry] = {}
+        built: dict[Any, ReactionLattice] = {}
+        for segment, each in zip(self.segments, contacts, strict=True):
+            chemistry, humidity = request.chemistry, segment.first.humidity
+            if humidity is not None:
+                chemistry = chemistry.replace(humidity=humidity)
+            for contact in each:
+                key = id(contact), humidity
+                if key not in built:
+                    chemistries[key] = chemistry
+                    built[key] = build_lattice(chemistry, contact, disorder)
+        lattices = on_all_sites([*built.values()])
+        pairs = zip(lattices, chemistries.values(), strict=True)
+        return dict(zip(built, pairs, strict=True))
 
     def _replica(
         self,
         request: AgeingRequest,
         number: int,
         contacts: list[list[ContactSolution]],
-    ) -> tuple[dict[str, Any], list[Any], list[str]]:
-        """Its values by name; of what was made on the way plugins and approximations; and notes."""
+    ) -> tuple[dict[str, Any], dict[str, Output], list[Any], list[str]]:
+        """Its values by name; what engine and plugins recorded of them; of what was made on the way plugins and
+        approximations; and notes."""
         seeds = request.seeds(number)
         kelvin = request.temperature
         on = self._lattices(request, contacts, seeds.disorder)
         made = [(one.plugins, one.approximate) for one, _ in on.values()]
-        state, (before, _) = None, next(iter(on.values()))
-        there = before.forming < ABSENT / 2
+        state, (lattice, _) = None, next(iter(on.values()))
+        there = lattice.forming < ABSENT / 2
         notes: dict[str, None] = {}
         steps: list[StepOutcome] = []
+        rows: list[dict[str, Any]] = []
         for segment, each in zip(self.segments, contacts, strict=True):
             parts, lost = [], 0
-            pieces = segment.parts(kelvin) if segment.contacts else [segment]
-            humidity = segment.first.humidity
-            for piece, contact in zip(pieces, each, strict=True):
-                lattice, chemistry = on[id(contact), humidity]
+            for piece, contact in zip(segment.parts(kelvin), each, strict=True):
+                before = lattice
+                lattice, chemistry = on[id(contact), segment.first.humidity]
                 if state is not None and lattice is not before:
                     broken = state.broken[-1]
                     state = state_of(state, before, lattice)
@@ -347,39 +390,50 @@ class Programme(AgeingMethod):
                     make,
                     key=[self.todict(), lattice.digest()],
                 )
-                before = lattice
                 parts.append(state)
                 made.append((state.plugins, state.approximate))
                 notes |= dict.fromkeys(state.notes)
-            state = parts[-1]
             if segment.contacts:
                 state = state.of_parts(parts)
-            old = int(np.count_nonzero(state.state & there))
-            steps.append(StepOutcome.of(segment, state, lost, old))
+            old = np.count_nonzero(state.state & there)
+            one = StepOutcome.of(segment, state, lost=lost, old=int(old))
+            steps.append(one)
+            rows.append(
+                {
+                    **along_times(state),
+                    "bonds": one.bonds,
+                    "force": one.force,
+                    "slider": one.slider,
+                    "temperature": segment.along(
+                        "temperature", segment.times, kelvin
+                    ),
+                    "step_points": segment.times.size,
+                    "step_load": contact.load,
+                    "step_area": contact.area,
+                    "step_speed": segment.last.speed,
+                    "step_peak": one.peak,
+                    "step_peak_at": one.peak_at,
+                    "step_work": one.work,
+                    "step_lost": one.lost,
+                    "step_old": one.old,
+                }
+            )
         assert state is not None
         values: dict[str, Any] = {
-            name: np.concatenate([getattr(one, name) for one in steps])
-            for name in ("bonds", "force", "slider")
+            name: np.hstack([row[name] for row in rows])
+            for name in rows[0]
+            if all(name in row for row in rows)
         }
-        for name in ("peak", "peak_at", "work", "lost", "old"):
-            values[f"step_{name}"] = np.array([getattr(one, name) for one in steps])
-        values |= {
-            "step_points": np.array([one.times.size for one in self.segments]),
-            "step_load": np.array([each[-1].load for each in contacts]),
-            "step_area": np.array([each[-1].area for each in contacts]),
-            "temperature": np.concatenate(
-                [
-                    one.along("temperature", one.times, kelvin)
-                    for one in self.segments
-                ]
-            ),
-            "step_speed": np.array([one.last.speed for one in self.segments]),
-            "sites": state.state.size,
-            "events": state.formed[-1] + state.broken[-1],
+        recorded = {
+            name: Output(**state.outputs[name])
+            for name in along_times(state)
+            if name in values
         }
+        values["sites"] = state.state.size
+        values["events"] = state.formed[-1] + state.broken[-1]
         for name, value, _, _ in self.protocol.measure(steps):
             values[name] = np.float64(value)
-        return values, made, [*notes]
+        return values, recorded, made, [*notes]
 
     def expected(
         self, sites: float, kinetics: Mapping[str, float], replicas: int

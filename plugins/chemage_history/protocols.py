@@ -78,10 +78,11 @@ class SlideHoldSlide(Protocol):
             yield f"relaxation_{k}", fall, "nN", f"fall of the force in the {of}"
             yield f"static_{k}", after.peak, "nN", f"largest force after the {of}"
             yield f"healing_{k}", healing[-1], "nN", f"its rise by the {of}"
-        held = np.array(self.holds) > 0
-        if np.unique(np.array(self.holds)[held]).size > 1:
-            decades = np.log10(np.array(self.holds)[held])
-            slope = np.polyfit(decades, np.array(healing)[held], 1)[0]
+        held = np.array(self.holds)
+        some = held > 0
+        if np.unique(held[some]).size > 1:
+            decades = np.log10(held[some])
+            slope = np.polyfit(decades, np.array(healing)[some], 1)[0]
             yield "healing_rate", slope, "nN", "healing per decade of hold time"
 
 

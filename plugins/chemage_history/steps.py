@@ -55,7 +55,7 @@ LAST = 0.25
 class Slider(Drive):
     """``[drive]``: what pulls at the contact in the steps with a speed, and how its bonds yield."""
 
-    speed: Speed = 0.0
+    speed: Annotated[Any, Unit("nm/s", ge=0, le=0)] = 0.0
     """0; the steps have their own, nm/s"""
     engine: Choice[Pulling] = Field(default="event-driven", validate_default=True)  # pyright: ignore[reportAssignmentType]
     """the engine that pulls; default: event-driven"""
@@ -173,22 +173,26 @@ class Segment:
         return float(mean * (self.times[-1] - since))
 
     def parts(self, kelvin: float) -> Iterator[Segment]:
-        """Those with one contact each, the first and the last half as long; their last time is none of the whole.
-        ``kelvin``: temperature where it has none."""
+        """Those with one contact each, the first and the last half as long; their last time is none of the whole. The
+        step itself where its load stays. ``kelvin``: temperature where it has none."""
+        if not self.contacts:
+            yield self
+            return
         begin, end = self.times[[0, -1]]
-        for number in range(self.contacts + 1):
-            shares = (number + np.array([-0.5, 0.5])) / self.contacts
-            since, until = begin + (end - begin) * shares.clip(0, 1)
-            inside = (self.times <= until) & ((self.times > since) | (number == 0))
-            first, last = (
-                replace(
-                    self.last,
-                    temperature=float(self.along("temperature", time, kelvin)),
-                    speed=float(self.along("speed", time)),
-                )
-                for time in (since, until)
+        edges = (np.arange(-1, self.contacts + 1) + 0.5) / self.contacts
+        edges = begin + (end - begin) * edges.clip(0, 1)
+        number = np.searchsorted(edges[1:], self.times)
+        ends = [
+            replace(
+                self.last,
+                temperature=float(self.along("temperature", time, kelvin)),
+                speed=float(self.along("speed", time)),
             )
-            yield Segment(np.append(self.times[inside], until), first, last)
+            for time in edges
+        ]
+        for part, until in enumerate(edges[1:]):
+            times = np.append(self.times[number == part], until)
+            yield Segment(times, *ends[part : part + 2])
 
 
 def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
@@ -206,25 +210,24 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
             for one in fields(Conditions)
             if (value := getattr(step, one.name)) is not None
         }
-        ramps = {name: at for name, at in said.items() if isinstance(at, Towards)}
-        values = {name: at for name, at in said.items() if name not in ramps}
-        first = replace(last, **values)
-        last = replace(first, **{name: at.to for name, at in ramps.items()})
+        ramps = {
+            name: at.to for name, at in said.items() if isinstance(at, Towards)
+        }
+        first = replace(last, **{k: v for k, v in said.items() if k not in ramps})
+        last = replace(first, **ramps)
         if (step.duration is None) == (step.distance is None):
             raise ValueError(f"step {number}: give either duration or distance")
-        driven = first.speed + last.speed > 0
-        if step.distance is not None and not driven:
+        speed = (first.speed + last.speed) / 2
+        if step.distance is not None and not speed:
             raise ValueError(f"step {number}: a distance needs a speed")
-        span = step.duration or 0.0
-        if step.distance:
-            span = step.distance / ((first.speed + last.speed) / 2)
-        points = step.points or (100 if driven else 20)
-        if driven:
+        span = step.distance / speed if step.distance else step.duration or 0.0
+        points = step.points or (100 if speed else 20)
+        if speed:
             passed = np.linspace(0.0, span, points + 1)
         else:
             back = np.arange(points, 0, -1) - 1
             passed = np.append(0.0, span * 10.0 ** (-back / PER_DECADE))
-        contacts = getattr(ramps.get("load"), "contacts", 0)
+        contacts = getattr(step.load, "contacts", 0)
         yield Segment(begin + passed, first, last, contacts)
         begin += span
         if not math.isfinite(begin):
@@ -242,12 +245,12 @@ class StepOutcome:
     force: np.ndarray
     slider: np.ndarray
     #: largest force of this step, nN, and way of the slider in it to there, nm
-    peak: float = 0.0
-    peak_at: float = 0.0
+    peak: float
+    peak_at: float
     #: mean force over the last quarter of the step, nN; at rest that at its end
-    steady: float = 0.0
+    steady: float
     #: of the drive in this step, nN nm
-    work: float = 0.0
+    work: float
     #: bonds of sites that left the contact as the load changed
     lost: int = 0
     #: bonds at its end on the sites of the first contact
@@ -258,28 +261,26 @@ class StepOutcome:
         cls,
         segment: Segment,
         history: BondHistory | PullHistory | None = None,
-        lost: int = 0,
-        old: int = 0,
+        **counts: int,
     ) -> Self:
-        """That of a ``history``; without one nothing happened."""
+        """That of a ``history``; without one nothing happened, and at rest nothing was pulled."""
         none = np.zeros(segment.times.size)
-        if not isinstance(history, PullHistory):
-            bonds = none if history is None else history.bonds
-            return cls(segment, bonds, none, none, lost=lost, old=old)
-        work, slider, times = history.work, history.displacement, segment.times
-        last = -1 - max(1, round(LAST * (work.size - 1)))
-        way = segment.way(float(times[last]))
+        names = "bonds", "force", "displacement", "work"
+        bonds, force, slider, work = (
+            getattr(history, name, none) for name in names
+        )
+        last = -1 - max(1, round(LAST * (none.size - 1)))
+        way = segment.way(float(segment.times[last]))
         return cls(
             segment,
-            history.bonds,
-            history.force,
+            bonds,
+            force,
             slider,
-            history.peak,
-            history.peak_displacement - float(slider[0]),
-            float((work[-1] - work[last]) / way if way else history.force[-1]),
+            getattr(history, "peak", 0.0),
+            getattr(history, "peak_displacement", 0.0) - float(slider[0]),
+            float((work[-1] - work[last]) / way if way else force[-1]),
             float(work[-1] - work[0]),
-            lost,
-            old,
+            **counts,
         )
 
 

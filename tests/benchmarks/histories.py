@@ -162,10 +162,17 @@ def few_bonds(k_on: float, speed: float, names: set[str], error: float) -> dict[
     contact.go(speed, [40 * slide])
     chain = dict(zip(exact, steps, strict=True))
     chain.pop("steady")
-    wanted = [v / m**2 for name in names & {*chain} if (v := exact[name][1]) for m in [exact[name][0]]]
+    noise = {name: variance / mean**2 for name, (mean, variance) in exact.items() if variance}
+    wanted = {name: noise[name] / error**2 / contact.sites for name in noise.keys() & names}
+    # the least force of the step down takes the most, and nothing but the two speeds
+    often = ["peak of the step up", "faster", "least of the step down"]
+    full = max((wanted[name] for name in wanted if name != often[-1]), default=0.0)
     seen: dict[str, list[float]] = {name: [] for name in chain}
-    for _ in range(math.ceil(max(wanted, default=0.0) / error**2 / contact.sites)):
-        for name, (moving, times) in chain.items():
+    for number in range(max(10, math.ceil(max(wanted.values(), default=0.0)))):
+        whole = number < max(10, full)
+        for name in chain if whole else often:
+            moving, times = chain[name]
+            times = times if whole or name != often[-1] else np.append(times[:2], times[1] + 6 * slide)
             rows = contact.go(moving, times[1:])
             mean = np.diff(rows[:, 1])[-1] / np.diff(times)[-1] / moving if moving else 0.0
             seen[name].append(mean if exact[name][1] is None else rows[0, 0])
@@ -187,10 +194,11 @@ def long_hold(k_on: float, speed: float, contact: FewBonds, error: float) -> dic
 
     model, exact, steps = slip_programme(k_on, speed, holds=["long"])
     force, variance = exact["after a long hold"]
-    bonds, works = [], []
+    bonds: list[np.ndarray] = []
+    works = []
     # by so far that hardly a bond is seen twice
-    way, slides = 3 * model.mean_stretch, 10
-    count = max(10, math.ceil(variance / force**2 / error**2 / contact.sites / slides))
+    way, count = 4 * model.mean_stretch, 10
+    slides = math.ceil(variance / force**2 / error**2 / contact.sites / count)
     for _ in range(count):
         begin = contact.go(speed, [0.0])[0, 1]
         for _ in range(slides):
@@ -220,7 +228,7 @@ def slip_case(k_on: float, speed: float, most: int, error: float) -> dict[str, t
     _, exact, _ = slip_programme(k_on, speed)
     need = max((variance or 0.0) / mean**2 for mean, variance in exact.values()) / error**2
     answer = slip_figures(k_on, speed, int(min(need, most)), 20)
-    names = {name for name in exact if answer[name][1] > error * 1.1}
+    names = {name for name in exact if answer[name][1] > error * 1.05}
     return answer | {name: value for name, value in few_bonds(k_on, speed, names, error).items() if name in names}
 
 
@@ -280,8 +288,8 @@ def main() -> None:
     parser.add_argument("--k-on", type=float, nargs="+", default=[10.0**n for n in range(5)], help="1/s")
     parser.add_argument("--speed", type=float, nargs="+", default=[10.0**n for n in range(-2, 5)], help="nm/s")
     parser.add_argument("--bonds", type=float, default=1e5)
-    parser.add_argument("--most", type=int, default=1_000_000)
-    parser.add_argument("--error", type=float, default=0.003)
+    parser.add_argument("--most", type=int, default=300_000)
+    parser.add_argument("--error", type=float, default=0.0031)
     chosen = parser.parse_args()
     if chosen.what == "loads":
         loads(chosen.pixels, chosen.count)

@@ -161,6 +161,16 @@ def test_sites_of_three_states_go_through_loads_and_humidities():
         bonds = found.observables[f"bonds_{number}"]
         # water takes 0.03 s to go
         assert abs(bonds.mean() - mean) < 4.5 * np.sqrt(mean / 4) + 0.02 * mean, (number, bonds, mean)
+    seen = found.observables
+    rows = np.repeat([10, 15, 5, 10], seen["step_points"][0])
+    np.testing.assert_array_equal(seen["sites_free"] + seen["sites_wet"] + found.bonds, 400 * rows + np.zeros((4, 1)))
+    assert found.outputs["sites_wet"]["dims"] == ["hold_time"]
+    # of the sites without a bond a third is wet, and none where there is no water
+    last = np.cumsum(seen["step_points"][0]) - 1
+    unbound, wet = (400 * rows - found.bonds)[:, last].sum(axis=0), seen["sites_wet"][:, last].sum(axis=0)
+    assert binomtest(int(wet[0]), int(unbound[0]), 1 / 3).pvalue > 1e-4
+    assert binomtest(int(wet[1]), int(unbound[1]), 1 / 3).pvalue > 1e-4
+    assert not wet[2:].any()
 
 
 def lattice_of_patches(count: int, forming: np.ndarray, seed: int = 1) -> ca.ReactionLattice:

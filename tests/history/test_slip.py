@@ -40,7 +40,7 @@ def slip_programme(k_on: float, speed: float, sites: float = np.inf, holds: Sequ
     model = Independent(speed, drive_of(speed), 0.8, KT * np.log(1e13 / k_on))
     faster = Independent(10 * speed, drive_of(10 * speed), 0.8, model.forming)
     stretch = model.mean_stretch
-    cycles = max(40.0, 1e5 * (1 + speed / (k_on * stretch)) / sites)
+    cycles = max(24.0, 1e5 * (1 + speed / (k_on * stretch)) / sites)
     expected = Transport(model)
     exact: dict[str, tuple[float, float | None]] = {"steady": (model.mean_force, None)}
     steps = [(speed, np.array([0.0, 0.5, 1.0]) * cycles * stretch / speed)]
@@ -62,11 +62,11 @@ def slip_programme(k_on: float, speed: float, sites: float = np.inf, holds: Sequ
         add(f"peak after a {hold} hold", speed, way / speed, np.argmax)
     on = 8 * faster.mean_stretch * np.linspace(0, 1, 2001)
     add("peak of the step up", 10 * speed, on / speed / 10, np.argmax)
-    add("faster", 10 * speed, 4 * on / speed / 10, lambda force: 1000)
+    add("faster", 10 * speed, 2 * on / speed / 10, lambda force: 1000)
     exact["faster"] = (faster.mean_force, None)
     soon = np.linspace(0, stretch, 1001)[:-1]
-    add("least of the step down", speed, np.append(soon, np.linspace(stretch, 40 * stretch, 1001)) / speed, np.argmin)
-    add("slower", speed, 5 * way / speed, lambda force: 1000)
+    add("least of the step down", speed, np.append(soon, np.linspace(stretch, 16 * stretch, 1001)) / speed, np.argmin)
+    add("slower", speed, 2 * way / speed, lambda force: 1000)
     exact["slower"] = (model.mean_force, None)
     return model, exact, steps
 
@@ -550,6 +550,12 @@ def test_any_number_of_a_step_is_swept(axis, values, seen, tmp_path):
         ({"step": STEPS, "hold": {"times": [1.0]}}, r"hold.times: \[protocol\] says it; leave this out"),
         ({"step": STEPS, "protocol": {"kind": "heating", "temperatures": [300], "duration": 1}}, "protocol.kind"),
         ({"step": STEPS, "ageing": {"kind": "closure"}}, "the steps follow every site"),
+        ({"step": STEPS, "drive": {"bond_stiffness": 10, "transition_distance": 0.03, "speed": 5}}, "drive.speed: 5"),
+        ({"step": [{"duration": 1, "load": -5}]}, "step 0: load = -5.0: must be finite and not negative"),
+        ({"step": [{"duration": 1}, {"duration": 1, "load": "3 nm"}]}, 'step 1: load: "3 nm" is a quantity of nanometer'),
+        ({"step": [{"duration": 1, "load": {"to": "5 MPa"}}]}, "step 0: load = '5 MPa': a nominal pressure needs"),
+        ({"step": [{"duration": 1, "load": {"to": "3 GPa over contact"}}]}, "step 0: load: a ramp ends at a force or a no"),
+        ({"step": [{"duration": 1, "hardness_ratio": 0.5}]}, "step 0: hardness_ratio: this contact has no hardness"),
     ],
 )
 def test_what_is_wrong_with_a_scene_of_steps(changes, said):
@@ -557,6 +563,21 @@ def test_what_is_wrong_with_a_scene_of_steps(changes, said):
     data = {name: section for name, section in data.items() if section is not None}
     with pytest.raises(ca.plugin.SceneError, match=said):
         ca.parse_scene(data)
+
+
+def test_a_ramp_of_load_begins_at_the_load_that_was_found(monkeypatch):
+    """That of a mean contact pressure is not known before its contact is solved."""
+    loads = []
+
+    def seen(*arguments, **options):
+        contact = ca.solve_contact(*arguments, **options)
+        loads.append(contact.load)
+        return contact
+
+    monkeypatch.setattr("chemage_history.programme.solve_contact", seen)
+    steps = [{"duration": 1, "load": "3 GPa over contact"}, {"duration": 1, "load": {"to": "40 nN", "contacts": 2}}]
+    ca.run(scene(step=steps), warn=False)
+    assert loads[1:] == [(loads[0] + 40.0) / 2, 40.0]
 
 
 def test_protocols_expand_into_steps_and_say_what_they_measure():
