@@ -27,7 +27,6 @@ from chemage.plugin import (
     Output,
     PullHistory,
     Ramp,
-    Seed,
     build_lattice,
     pull,
     run_kinetics,
@@ -57,6 +56,8 @@ OUTPUTS = {
 
 
 State: TypeAlias = BondHistory | PullHistory
+#: a contact, and what reacts on it
+Reacting: TypeAlias = tuple[ContactSolution, Chemistry]
 
 
 def state_of(
@@ -255,21 +256,26 @@ class Programme(AgeingMethod):
             except ChemageError as error:
                 raise InputError(f"step {number}: {error}") from error
 
-    def contacts(self, request: AgeingRequest) -> list[list[ContactSolution]]:
+    def contacts(self, request: AgeingRequest) -> list[list[Reacting]]:
         """The contacts of each step, several where its load changes meanwhile, each solved from the one before; of
-        conditions that come back the same one, unless the contact remembers."""
+        conditions that come back the same one, unless the contact remembers. And the chemistry at the humidity."""
         contact, solver, surface = request.solution, request.solver, request.surface
         solved: dict[Any, ContactSolution] = {(contact.load, 1.0): contact}
-        found: list[list[ContactSolution]] = []
+        chemistries: dict[Any, Chemistry] = {None: request.chemistry}
+        found: list[list[Reacting]] = []
         for segment in self.segments:
             ratio, load = segment.first.hardness_ratio, segment.first.load
+            if (humidity := segment.first.humidity) not in chemistries:
+                wet = request.chemistry.replace(humidity=humidity)
+                chemistries[humidity] = wet
+            chemistry = chemistries[humidity]
             load = contact.load if load is None else load
             if surface is None or solver is None:
                 if segment.contacts or (load, ratio) not in solved:
                     raise InputError(
                         "load: to change it, give the surface and the solver"
                     )
-                found.append([contact])
+                found.append([(contact, chemistry)])
                 continue
             loads = [load]
             if segment.contacts:
@@ -287,7 +293,7 @@ class Programme(AgeingMethod):
                     both = (load, ratio), (contact.load, ratio)
                     solved |= dict.fromkeys(both, contact)
                 contact = solved[load, ratio]
-                found[-1].append(contact)
+                found[-1].append((contact, chemistry))
         return found
 
     def age(self, request: AgeingRequest) -> AgedBonds:
@@ -300,7 +306,7 @@ class Programme(AgeingMethod):
         notes = [*said[0]]
         if self.driven:
             notes.append("friction is the force of the drive, not a drop by a hold")
-        if len({contact.load for each in contacts for contact in each}) > 1:
+        if len({contact.load for each in contacts for contact, _ in each}) > 1:
             notes.append("friction coefficients are over the load of the scene")
         outputs = {**recorded[0], **OUTPUTS, **self.protocol.outputs}
         if not self.driven:
@@ -322,50 +328,30 @@ class Programme(AgeingMethod):
             approximate=[entry for _, entries in made for entry in entries],
         )
 
-    def _lattices(
-        self,
-        request: AgeingRequest,
-        contacts: list[list[ContactSolution]],
-        disorder: Seed,
-    ) -> dict[Any, tuple[ReactionLattice, Chemistry]]:
-        """Those of a replica on all sites, with their chemistry, by the id of the contact and the humidity."""
-        chemistries: dict[Any, Chemistry] = {}
-        built: dict[Any, ReactionLattice] = {}
-        for segment, each in zip(self.segments, contacts, strict=True):
-            chemistry, humidity = request.chemistry, segment.first.humidity
-            if humidity is not None:
-                chemistry = chemistry.replace(humidity=humidity)
-            for contact in each:
-                key = id(contact), humidity
-                if key not in built:
-                    chemistries[key] = chemistry
-                    built[key] = build_lattice(chemistry, contact, disorder)
-        lattices = on_all_sites([*built.values()])
-        pairs = zip(lattices, chemistries.values(), strict=True)
-        return dict(zip(built, pairs, strict=True))
-
     def _replica(
         self,
         request: AgeingRequest,
         number: int,
-        contacts: list[list[ContactSolution]],
+        contacts: list[list[Reacting]],
     ) -> tuple[dict[str, Any], dict[str, Output], list[Any], list[str]]:
         """Its values by name; what engine and plugins recorded of them; of what was made on the way plugins and
         approximations; and notes."""
         seeds = request.seeds(number)
         kelvin = request.temperature
-        on = self._lattices(request, contacts, seeds.disorder)
-        made = [(one.plugins, one.approximate) for one, _ in on.values()]
-        state, (lattice, _) = None, next(iter(on.values()))
+        pairs = {(id(a), id(b)): (a, b) for each in contacts for a, b in each}
+        built = [build_lattice(b, a, seeds.disorder) for a, b in pairs.values()]
+        made = [(one.plugins, one.approximate) for one in built]
+        on = dict(zip(pairs, on_all_sites(built), strict=True))
+        state, lattice = None, next(iter(on.values()))
         there = lattice.forming < ABSENT / 2
         notes: dict[str, None] = {}
         steps: list[StepOutcome] = []
         rows: list[dict[str, Any]] = []
         for segment, each in zip(self.segments, contacts, strict=True):
             parts, lost = [], 0
-            for piece, contact in zip(segment.parts(kelvin), each, strict=True):
-                before = lattice
-                lattice, chemistry = on[id(contact), segment.first.humidity]
+            pieces = zip(segment.parts(kelvin), each, strict=True)
+            for piece, (contact, chemistry) in pieces:
+                before, lattice = lattice, on[id(contact), id(chemistry)]
                 if state is not None and lattice is not before:
                     broken = state.broken[-1]
                     state = state_of(state, before, lattice)
@@ -393,6 +379,7 @@ class Programme(AgeingMethod):
                 parts.append(state)
                 made.append((state.plugins, state.approximate))
                 notes |= dict.fromkeys(state.notes)
+            contact, state = each[-1][0], parts[-1]
             if segment.contacts:
                 state = state.of_parts(parts)
             old = np.count_nonzero(state.state & there)

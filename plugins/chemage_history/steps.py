@@ -192,7 +192,7 @@ class Segment:
         ]
         for part, until in enumerate(edges[1:]):
             times = np.append(self.times[number == part], until)
-            yield Segment(times, *ends[part : part + 2])
+            yield Segment(times, ends[part], ends[part + 1])
 
 
 def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
