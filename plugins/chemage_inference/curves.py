@@ -45,7 +45,7 @@ class MeasuredCurve(Record):
             "correlation of each error with that of the hold time before",
         ),
     }
-    added = ("correlation", "temperature_unit")
+    added = ("correlation", "temperature_unit", "before")
 
     name: str = "curve"
     load: PositiveNumber
@@ -67,6 +67,9 @@ class MeasuredCurve(Record):
     whose hold times share their bonds, are a Markov chain. None: not known, and none unless it is inferred"""
     instrument: str = ""
     """with which it was measured: curves of one instrument share its calibration"""
+    before: tuple[PositiveNumber, PositiveNumber] | None = None
+    """temperature (K) and duration (s) of a rest under the same load before, with the bonds of which the hold times
+    begin; sites must not interact"""
     notes: tuple[str, ...] = ()
     """what reading understood and left out"""
     temperature_unit: str = ""

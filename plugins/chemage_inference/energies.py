@@ -126,25 +126,28 @@ def bonded_probability(
     temperature: float,
     times: np.ndarray,
     energies: np.ndarray,
+    before: tuple[float, float] | None = None,
 ) -> np.ndarray:
     """Probability that a site over the forming barrier is bonded, (times, energies), averaged over breaking barriers.
 
     a/(a + b) (1 − exp(−(a + b) t)) with the rates a of forming and b of breaking; a barrier at or below zero has the
-    rate ν.
+    rate ν. ``before``: temperature (K) and duration (s) of a rest, from the bonds of which it goes on.
     """
-    times = np.asarray(times, dtype=np.float64)
+    barriers = np.array([np.inf])
+    if chemistry.breaking is not None:
+        barriers = chemistry.breaking.quantile((np.arange(RANKS) + 0.5) / RANKS)
+    different, counts = np.unique(barriers, return_counts=True)
+    passed = np.asarray(times, dtype=np.float64)[:, None]
     forming = chemistry.rates(energies, temperature)
-    if chemistry.breaking is None:
-        return TwoState(forming).relaxed(times[:, None])
-    ranks = (np.arange(RANKS) + 0.5) / RANKS
-    barriers = chemistry.breaking.quantile(ranks)
-    breaking, counts = np.unique(
-        chemistry.rates(barriers, temperature), return_counts=True
-    )
-    bonded = np.zeros((times.size, forming.size))
-    for rate, count in zip(breaking, counts, strict=True):
-        sites = TwoState(forming, rate)
-        bonded += count / RANKS * sites.equilibrium * sites.relaxed(times[:, None])
+    bonded = np.zeros((passed.size, forming.size))
+    for barrier, count in zip(different, counts, strict=True):
+        sites = TwoState(forming, chemistry.rates(barrier, temperature))
+        share = sites.bonded(passed)
+        if before is not None:
+            kelvin, span = before
+            rates = (chemistry.rates(one, kelvin) for one in (energies, barrier))
+            share += TwoState(*rates).bonded(span) * (1 - sites.relaxed(passed))
+        bonded += count / barriers.size * share
     return bonded
 
 
@@ -211,6 +214,7 @@ def make_kernel(
     grid: EnergyGrid,
     lowest: float,
     highest: float,
+    before: tuple[float, float] | None = None,
 ) -> Kernel:
     """A kernel for shifts of the barriers from ``lowest`` to ``highest``, eV."""
     step = grid.fine_step
@@ -221,7 +225,7 @@ def make_kernel(
         grid,
         times,
         first * step,
-        bonded_probability(chemistry, temperature, times, energies),
+        bonded_probability(chemistry, temperature, times, energies, before),
     )
 
 

@@ -321,8 +321,10 @@ def make_condition(
     hold_times: np.ndarray,
     grid: EnergyGrid,
     seed: int = 0,
+    before: tuple[float, float] | None = None,
 ) -> Condition:
-    """The forward model of one contact at one temperature, for a density on ``grid``."""
+    """The forward model of one contact at one temperature, for a density on ``grid``; ``before``: see
+    :func:`chemage_inference.energies.bonded_probability`."""
     times = np.unique(hold_times)
     statistics = contact_statistics(contact, chemistry)
     if isinstance(contact, ContactSolution):
@@ -338,10 +340,15 @@ def make_condition(
     if chemistry.interaction is None or not isinstance(contact, ContactSolution):
         shift = -chemistry.activation_volume * EV_PER_GPA_NM3 * statistics.pressure
         lowest, highest = float(shift.min(initial=0)), float(shift.max(initial=0))
-        kernel = make_kernel(chemistry, temperature, times, grid, lowest, highest)
+        ends = lowest, highest
+        kernel = make_kernel(chemistry, temperature, times, grid, *ends, before)
         alone = _alone(kernel, shift, statistics.area / statistics.contact_area)
         return Condition(
             chemistry, contact, temperature, times, grid, sites, scale, alone
+        )
+    if before is not None:
+        raise InputError(
+            "before: sites that interact have no rest before; leave it out, or leave out [interaction]"
         )
     early = times[0] * 10.0 ** np.arange(-5, 0, 0.4)
     late = times[0] * 10.0 ** np.arange(
@@ -450,7 +457,10 @@ class Model:
         #: the point of the grid of scalars from which sampling begins: the middle, until another is known to fit better
         self.middle = self.unknowns.points // 2
         self.keys = list(
-            dict.fromkeys((curve.load, curve.temperature) for curve in self.curves)
+            dict.fromkeys(
+                (curve.load, curve.temperature, curve.before)
+                for curve in self.curves
+            )
         )
         curves = self.curves
         self.curve = np.repeat(
@@ -470,7 +480,10 @@ class Model:
         #: errors as they are thought to be now
         self.state = self._noise(self.floors).start
         self.which = np.array(
-            [self.keys.index((curve.load, curve.temperature)) for curve in curves]
+            [
+                self.keys.index((curve.load, curve.temperature, curve.before))
+                for curve in curves
+            ]
         )[self.curve]
         self.times = [
             np.unique(self.hold_times[self.which == k])
@@ -480,7 +493,7 @@ class Model:
     def condition(self, point: int, number: int) -> Condition:
         """The model of a condition at a point of the grid of scalars; made once."""
         if (point, number) not in self.conditions:
-            load, temperature = self.keys[number]
+            load, temperature, before = self.keys[number]
             chemistry = self.unknowns.chemistry(self.chemistry, point)
             contact = self.contacts.at(self.unknowns.load(load, point))
             condition = make_condition(
@@ -490,6 +503,7 @@ class Model:
                 self.times[number],
                 self.grid,
                 self.seed,
+                before,
             )
             self.conditions[point, number] = condition
             if (middle := self.conditions.get((self.middle, number))) is not None:
@@ -632,10 +646,15 @@ def make_model(
         lowering = max(lowering, largest_lowering(contacts.at(top), widest))
     if progress:
         progress(len(loads), len(loads))
+    rests = [curve.before for curve in curves if curve.before is not None]
     temperatures = np.concatenate(
         [np.full(curve.hold_times.size, curve.temperature) for curve in curves]
+        + [np.array([kelvin]) for kelvin, _ in rests]
     )
-    times = np.concatenate([curve.hold_times for curve in curves])
+    times = np.concatenate(
+        [curve.hold_times for curve in curves]
+        + [np.array([span]) for _, span in rests]
+    )
     grid = energy_grid(widest, temperatures, times, lowering)
     if (
         "attempt_frequency" in bounds

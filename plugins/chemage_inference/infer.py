@@ -352,7 +352,7 @@ def _inference(
     )
     notes = dict.fromkeys(_notes(model, problem, samples, inference))
     inference = inference.model_copy(update={"notes": tuple(notes)})
-    contacts = [model.contacts.at(load) for load, _ in model.keys]
+    contacts = [model.contacts.at(load) for load, *_ in model.keys]
     plugins = {
         name: source
         for contact in contacts
@@ -477,7 +477,7 @@ def _hardly_any(model: Model) -> Iterator[str]:
         last = int(np.argmax(model.hold_times))
         number = int(model.which[last])
         condition = model.condition(model.middle, number)
-        load, _ = model.keys[number]
+        load, *_ = model.keys[number]
         yield (
             f"less than one bond of {condition.sites:.0f} sites has formed by {model.hold_times[last]:.3g} s: the data "
             "hardly say more than that barriers lie above; bands of forecasts where these react are those of the "

@@ -189,24 +189,28 @@ def few_bonds(k_on: float, speed: float, names: set[str], error: float) -> dict[
 
 def long_hold(k_on: float, speed: float, contact: FewBonds, error: float) -> dict[str, tuple[float, float]]:
     """Steady force, and force after the long hold of the bonds of steady sliding."""
-    from pulled_models import lattice_of
+    from pulled_models import Transport, lattice_of
     from test_slip import SLIDER, at, slip_programme
 
     model, exact, steps = slip_programme(k_on, speed, holds=["long"])
     force, variance = exact["after a long hold"]
+    long, transport = steps[1][1][-1], Transport(model)
     bonds: list[np.ndarray] = []
     works = []
-    # by so far that hardly a bond is seen twice
-    way, count = 4 * model.mean_stretch, 10
+    # by so far that hardly a bond that will survive is seen twice: the rate grows e-fold within 0.0083 nm
+    way, count = min(4 * model.mean_stretch, model.mean_stretch + 0.04), 10
     slides = math.ceil(variance / force**2 / error**2 / contact.sites / count)
     for _ in range(count):
         begin = contact.go(speed, [0.0])[0, 1]
         for _ in range(slides):
             end = contact.go(speed, [way / speed])[0, 1]
-            bonds.append(contact.stretches())
+            stretch = contact.stretches()
+            # others survive with a probability of less than e^-40
+            bonds.append(stretch[transport.breaking(stretch) * long < 40])
         works.append((end - begin) / (slides * way * model.mean_force))
-    stretch, long = np.concatenate(bonds), steps[1][1][-1]
-    lattice = lattice_of(stretch.size, model.forming, 0.8)
+    stretch = np.concatenate(bonds)
+    # those that form at rest bear no force
+    lattice = lattice_of(stretch.size, 3.0, 0.8)
     start = pull(SLIDER.engine, lattice, at(0.0), [0.0], temperature=300, start=np.ones(stretch.size, bool))
     kappa = model.drive.bond_stiffness
     energy, all_of_them = np.array([kappa * (stretch**2).sum() / 2]), np.array([kappa * stretch.sum()])
