@@ -33,6 +33,24 @@ WINDOW = 1.0
 MOST_WINDOWS = 2**31
 #: arrays of a run from which the same pull goes on
 _RESUMED = "reals", "counts", "made", "rest", "bound"
+#: sums of a run, and what it has of the history from which it goes on
+_CARRIED = (
+    (kernel.WORK, "work"),
+    (kernel.LOST, "dissipated"),
+    (kernel.RUBBED, "rubbed"),
+    (kernel.PEAK, "force"),
+    (kernel.PEAK_AT, "displacement"),
+    (kernel.MOVED_BEFORE, "displacement"),
+)
+#: columns of what is sampled
+_SAMPLED = {
+    "displacement": kernel.MOVED,
+    "force": kernel.FORCE,
+    "work": kernel.WORKED,
+    "dissipated": kernel.DISSIPATED,
+    "rubbed": kernel.FRICTION,
+    "stored": kernel.STORED,
+}
 #: quantiles by which the barriers of new partners are estimated
 FEW = 16
 
@@ -234,23 +252,6 @@ class _Job(Start):
     def prepared(self) -> kernel.PullRun:
         """The state of the contact at the start."""
         n, before = self.state.size, self.before
-        reals, counts = np.zeros(kernel.REALS), np.zeros(kernel.COUNTS, np.int64)
-        made, rest, bound = (
-            np.zeros(n, np.int64),
-            np.zeros(n),
-            np.zeros(n, np.int64),
-        )
-        slip_sizes = np.zeros(64, np.int64)
-        if before is not None:
-            slip_sizes[:] = before.avalanches
-        if self.goes_on:
-            assert before is not None
-            for name, array in zip(
-                _RESUMED, (reals, counts, made, rest, bound), strict=True
-            ):
-                array[:] = before.resume[name]
-        else:
-            self._begin(reals, counts, rest)
         words, base = np.empty(n, np.int64), np.empty(n, np.int64)
         kernel.present_barriers(
             self.key, self.partners, self.slips, self.slips, self.forming, base
@@ -260,7 +261,6 @@ class _Job(Start):
         rates = empty_rates(n, self.model.neighbours.shape[1], listing=False)
         fill(words, self.model, rates)
         m = self.times.size
-        counts[kernel.HOLD] = counts[kernel.DONE] = 0
         run = kernel.PullRun(
             key=self.key,
             model=self.model,
@@ -270,47 +270,50 @@ class _Job(Start):
             words=words,
             base=base,
             rates=rates,
-            made=made,
-            rest=rest,
+            made=np.zeros(n, np.int64),
+            rest=np.zeros(n),
             slips=self.slips.copy(),
-            bound=bound,
+            bound=np.zeros(n, np.int64),
             heads=np.full(kernel.RING, -1, np.int64),
             links=np.full((n, 2), -1, np.int64),
-            reals=reals,
-            counts=counts,
-            slip_sizes=slip_sizes,
+            reals=np.zeros(kernel.REALS),
+            counts=np.zeros(kernel.COUNTS, np.int64),
+            slip_sizes=np.zeros(64, np.int64),
             times=np.array(self.times),
             samples=np.zeros((m, 6)),
             tallies=np.zeros((m, 3), np.int64),
         )
+        if before is not None:
+            run.slip_sizes[:] = before.avalanches
+        if before is not None and self.goes_on:
+            for name in _RESUMED:
+                getattr(run, name)[:] = before.resume[name]
+        else:
+            self._begin(run)
+        run.counts[[kernel.HOLD, kernel.DONE]] = 0
         kernel.start(run, self.goes_on)
         return run
 
-    def _begin(self, reals: Array, counts: Array, rest: Array) -> None:
+    def _begin(self, run: kernel.PullRun) -> None:
         """A pull that begins, or goes on under other conditions: bonds keep their stretch, the rest is drawn anew."""
-        before, bonds = self.before, self.bonds
+        before, bonds, reals, counts = (
+            self.before,
+            self.bonds,
+            run.reals,
+            run.counts,
+        )
         reals[kernel.HIGH] = self.time
         counts[kernel.BONDS] = int(np.count_nonzero(self.state))
         counts[kernel.FORMED], counts[kernel.BROKEN] = self.counted
         counts[kernel.FIRST], counts[kernel.EVENT] = 1, self.event
         force = 0.0
         if before is not None:
-            rest[:] = -before.stretch
-            reals[kernel.WORK], reals[kernel.LOST] = (
-                before.work[-1],
-                before.dissipated[-1],
-            )
-            reals[kernel.RUBBED], reals[kernel.LARGEST] = (
-                before.rubbed[-1],
-                before.largest_drop,
-            )
+            run.rest[:] = -before.stretch
+            for place, name in _CARRIED:
+                reals[place] = getattr(before, name)[-1]
+            reals[kernel.LARGEST] = before.largest_drop
             reals[kernel.PEAK_TIME], force = self.time, float(before.force[-1])
-            reals[kernel.PEAK], reals[kernel.PEAK_AT] = (
-                force,
-                before.displacement[-1],
-            )
-            reals[kernel.MOVED_BEFORE] = before.displacement[-1]
-        reals[kernel.SUM_REST] = math.fsum(rest[self.state])
+        reals[kernel.SUM_REST] = math.fsum(run.rest[self.state])
         # a spring has the force that there was; what it does not carry is held by the friction of the slider
         reals[kernel.PULL] = force if self.pull.spring > 0 else 0.0
         counts[kernel.RESTS] = math.isfinite(self.pull.spring)
@@ -329,10 +332,12 @@ class _Job(Start):
 
     def finished(self, run: kernel.PullRun) -> PullHistory:
         """The result, with what is needed to go on."""
-        reals, samples, tallies = run.reals, run.samples, run.tallies
+        reals = run.reals
+        curves = {name: run.samples[:, at] for name, at in _SAMPLED.items()}
+        bonds, formed, broken = run.tallies.T
         state, stretch = bonded(run.words), np.zeros(run.words.size)
         kernel.stretches(run, stretch)
-        force, displacement = samples[:, kernel.FORCE], samples[:, kernel.MOVED]
+        force, displacement = curves["force"], curves["displacement"]
         highest = int(np.argmax(force))
         peaks = [
             (reals[kernel.PEAK], reals[kernel.PEAK_AT], reals[kernel.PEAK_TIME]),
@@ -353,15 +358,10 @@ class _Job(Start):
         resume["event"] = run.counts[[kernel.EVENT]]
         return PullHistory(
             times=self.times,
-            displacement=displacement,
-            force=force,
-            bonds=tallies[:, 0],
-            formed=tallies[:, 1],
-            broken=tallies[:, 2],
-            work=samples[:, kernel.WORKED],
-            dissipated=samples[:, kernel.DISSIPATED],
-            rubbed=samples[:, kernel.FRICTION],
-            stored=samples[:, kernel.STORED],
+            **curves,
+            bonds=bonds,
+            formed=formed,
+            broken=broken,
             state=state,
             stretch=stretch,
             slips=run.slips,
