@@ -95,9 +95,9 @@ def follow(
     first, last = segment.first, segment.last
     how["temperature"] = first.temperature or temperature
     ramps = {
-        name: getattr(last, name)
+        name: to
         for name in ("temperature", "speed")
-        if getattr(last, name) != getattr(first, name)
+        if (to := getattr(last, name)) != getattr(first, name)
     }
     if ramps:
         how["ramp"] = Ramp(**ramps)

@@ -59,8 +59,10 @@ class SlideHoldSlide(Protocol):
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
         slide = HistoryStep(speed=self.speed, distance=self.distance)
-        rests = (HistoryStep(speed=0.0, duration=hold) for hold in self.holds)
-        return [slide, *(step for rest in rests for step in (rest, slide))]
+        steps = [slide]
+        for hold in self.holds:
+            steps += [HistoryStep(speed=0.0, duration=hold), slide]
+        return steps
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
         """See :meth:`Protocol.measure`."""
@@ -194,16 +196,17 @@ class Creep(Protocol):
     def expand(self) -> Sequence[HistoryStep]:
         """See :meth:`Protocol.expand`."""
         grown = np.log1p(self.duration / self.onset)
-        shares = np.arange(self.contacts + 1) / self.contacts
-        ends = np.geomspace(
-            self.onset, self.onset + self.duration, self.contacts + 1
-        )
-        # each contact is that of the middle of its step
-        ratios = 1.0 / (1.0 + self.rate * grown * (shares[:-1] + shares[1:]) / 2.0)
-        ratios[0] = 1.0
+        ends = np.linspace(0.0, grown, self.contacts + 1)
+        # each contact is that of the middle of its step, but the first
+        middles = (ends[:-1] + ends[1:]) / 2
+        middles[0] = 0.0
         return [
             HistoryStep(duration=span, hardness_ratio=ratio, points=4)
-            for span, ratio in zip(np.diff(ends), ratios, strict=True)
+            for span, ratio in zip(
+                np.diff(self.onset * np.expm1(ends)),
+                1.0 / (1.0 + self.rate * middles),
+                strict=True,
+            )
         ]
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
