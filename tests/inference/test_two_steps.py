@@ -66,3 +66,12 @@ def test_interacting_sites_have_no_rest_before():
     model = make_model(own, own.chemistry, Unknowns(), curves(), 0)
     with pytest.raises(ca.InputError, match="sites that interact have no rest before"):
         model.linear(np.ones(model.grid.count), 0)
+
+
+def test_a_curve_keeps_its_rest_before():
+    alone, after = curves((300.0, 1e4))
+    assert (alone.before, after.before) == (None, (300.0, 1e4))
+    assert type(after).fromdict(after.todict()) == after
+    assert after != alone
+    with pytest.raises(ca.InputError, match="before"):
+        curves((300.0, -1.0))
