@@ -237,6 +237,9 @@ THINNED = 3
 PER_DECADE = 8
 #: replicas: those begun with, and the most
 FIRST, MOST = 4, 256
+#: of the breaking barriers, the share below the one by whose mean times the settling of bonds is counted; after so many
+#: of them a contact is in equilibrium but for a change that is counted as an error
+SLOWEST, SETTLED = 0.99, 30.0
 #: a share of bonded sites of one in so many sites of the table is not resolved any better
 RESOLVED = 20.0
 #: bonds from which on the coefficient of the control variate is found from the scatter of the bands; 1 below
@@ -431,15 +434,22 @@ class Took(NamedTuple):
     approximate: list[dict[str, Any]] = []
 
 
-def decades_of(hold_times: np.ndarray) -> tuple[int, int]:
-    """The decades that contain the hold times above 0."""
+def decades_of(
+    hold_times: np.ndarray, chemistry: Chemistry, temperature: float
+) -> tuple[int, int]:
+    """The decades that contain the hold times above 0, until bonds that break have settled."""
     positive = hold_times[hold_times > 0]
     if not positive.size:
         return 0, 1
     first = math.floor(math.log10(float(positive.min())) + 1e-9)
-    return first, max(
-        math.ceil(math.log10(float(positive.max())) - 1e-9), first + 1
-    )
+    last = math.ceil(math.log10(float(positive.max())) - 1e-9)
+    if chemistry.breaking is not None:
+        slow = chemistry.breaking.quantile(np.array([SLOWEST]))
+        rate = float(chemistry.rates(slow, temperature)[0])
+        if rate * 10.0**last > SETTLED:
+            last = math.ceil(math.log10(SETTLED / rate))
+            first = min(first, last - 1)
+    return first, max(last, first + 1)
 
 
 class _Samples:

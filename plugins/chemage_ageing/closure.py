@@ -189,7 +189,9 @@ class Closure(AgeingMethod):
             request.temperature,
             spacing,
             coordination(request.chemistry.interaction, spacing),  # pyright: ignore[reportArgumentType]
-            _table.decades_of(request.hold_times),
+            _table.decades_of(
+                request.hold_times, request.chemistry, request.temperature
+            ),
             self.accuracy,
         )
         if setting.most == 0:
@@ -251,19 +253,17 @@ class Closure(AgeingMethod):
                 + present[..., None]
             )
             effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
-        return (
-            *_changed(
-                part,
-                change,
-                np.abs(error),
-                present,
-                effective,
-                independent,
-                largest,
-            ),
-            notes,
-            took,
-        )
+        sites = present, effective, independent, largest
+        bonds, absolute = _changed(part, change, np.abs(error), *sites)
+        beyond = np.log10(np.maximum(request.hold_times, setting.times[-1]))
+        beyond -= setting.decades[1]
+        if beyond.any():
+            # the change in the last decade may go on
+            earlier = np.minimum(request.hold_times, setting.times[-1] / 10)
+            before = _in_time(setting, earlier, tabulated[0])
+            drift = bonds - _changed(part, before, np.abs(error), *sites)[0]
+            absolute = np.hypot(absolute, drift * beyond)
+        return bonds, absolute, notes, took
 
     def _nodes(
         self,

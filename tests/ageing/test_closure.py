@@ -10,6 +10,7 @@ import pytest
 
 import chemage as ca
 from chemage import InputError
+from chemage.plugin import build_lattice
 from chemage_ageing import _table
 from chemage_ageing._table import bonded_share
 
@@ -185,6 +186,55 @@ def test_a_contact_half_of_whose_sites_are_reactive():
 @pytest.mark.long
 def test_bonds_that_break():
     _agrees(uniform(1.7), interacting(breaking=ca.barriers("gaussian", mean=0.85, std=0.02)), 0.01)
+
+
+def _equilibrium(lattice, temperature: float, sweeps: int) -> float:
+    """Bonds of a lattice in equilibrium by the heat bath, which knows no time, from every site bonded."""
+    rng = np.random.default_rng(5)
+    kt = ca.plugin.KB * temperature
+    bonded = np.ones(lattice.sites.size, dtype=bool)
+    row, column = np.divmod(lattice.sites, 40)
+    colours = [np.flatnonzero((row % 2 == r) & (column % 2 == c)) for r in (0, 1) for c in (0, 1)]
+    counts = []
+    for _ in range(sweeps):
+        for colour in colours:
+            near = bonded[lattice.neighbours[colour]]
+            gain = lattice.breaking[colour] - lattice.forming[colour]
+            gain = gain - (near * lattice.coupling[colour]).sum(axis=1)
+            bonded[colour] = rng.random(colour.size) < 1 / (1 + np.exp(-gain / kt))
+        counts.append(np.count_nonzero(bonded))
+    return float(np.mean(counts[sweeps // 4 :]))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("strength", [0.1, 0.5])
+def test_bonds_that_break_often_settle_in_equilibrium_and_are_followed_no_longer(monkeypatch, strength):
+    """Bonds last 1 ms, and would break 10¹⁰ times until the last hold time; no run of a table is longer than 1 s."""
+    own = chemistry(
+        breaking=ca.barriers("gaussian", mean=0.6, std=0.02),
+        interaction=ca.interaction("elastic-pairs", strength=strength),
+        forming=ca.barriers("uniform", lower=0.45, upper=0.75),
+    )
+    run, longest = _table.run_kinetics, []
+    monkeypatch.setattr(_table, "run_kinetics", lambda *a, **k: longest.append(max(a[2])) or run(*a, **k))
+    contact = uniform(1.7, (40, 40))
+    found = aged(contact, own, hold_times=[1e-3, 1.0, 1e3, 1e7])
+    assert max(longest) <= 1.0
+    counts = [_equilibrium(build_lattice(own, contact, seed), 300.0, 400) for seed in range(8)]
+    noise = np.std(counts, ddof=1) / math.sqrt(len(counts))
+    away = np.abs(found.bonds[0, 1:] - np.mean(counts))
+    assert (away <= 3 * np.hypot(noise, found.errors["closure"] * found.bonds[0])[1:]).all()
+    assert (np.diff(found.errors["closure"][1:]) > 0).all()
+    assert found.errors["closure"][-1] < 0.15
+
+
+def test_a_table_ends_where_the_slowest_bonds_have_broken_thirty_times():
+    """At 100 °C a bond of 1.147 eV, above 99 % of them, lasts 300 s; one of 1.1 eV for ever where none breaks."""
+    own, times = interacting(breaking=ca.barriers("gaussian", mean=1.1, std=0.02)), np.array([0.0, 1e-3, 1e9])
+    assert _table.decades_of(times, own, 373.15) == (-3, 4)
+    assert _table.decades_of(times[1:] * 1e8, own, 373.15) == (3, 4)
+    assert _table.decades_of(times, interacting(), 373.15) == (-3, 9)
+    assert _table.decades_of(times[:2], own, 373.15) == (-3, -2)
 
 
 @pytest.mark.long
