@@ -594,7 +594,7 @@ def beta_parts(aging: Aging, window: tuple[float, float]) -> dict[str, ErrorPart
     if aging.replicas > 1 and aging.member_ratios is None:
         return {}
     fit, _ = fit_or_reason(aging, window)
-    if fit is None or fit.beta == 0:
+    if fit is None:
         return {}
     parts = {}
     if aging.replicas == 1:

@@ -149,14 +149,16 @@ class Quantity(Declared):
         return self.half_width / abs(self.value) if self.value else math.nan
 
     def parts(self) -> list[tuple[str, str, str]]:
-        """The parts of its error that count: what each is due to, its relative size, and how it is known."""
+        """The parts of its error that count: what each is due to, its size, relative but of 0, and how it is known."""
         parts = []
         sizes = [part.size for part in self.errors.values()]
         for cause, part in self.errors.items():
             if part.size < NEGLIGIBLE * max(sizes):
                 continue
-            share = part.size / abs(self.value) if self.value else math.nan
-            size = percent(share) if math.isfinite(share) else "not known"
+            size = _joined(number_text(part.size), unit_text(self.unit))
+            if self.value:
+                share = part.size / abs(self.value)
+                size = percent(share) if math.isfinite(share) else "not known"
             parts.append((cause, size, part.how))
         return parts
 

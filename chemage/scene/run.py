@@ -176,10 +176,12 @@ class Run:
 
     @property
     def beta_errors(self) -> dict[str, float]:
-        """What an error of β beside the scatter of the replicas is due to -> relative standard error."""
-        parts = {} if self.aging is None else beta_parts(self.aging, self.window)
-        beta = abs(self.fit().beta) if parts else 1.0  # pyright: ignore[reportOptionalMemberAccess]
-        return {name: part.size / beta for name, part in parts.items()}
+        """What an error of β beside the scatter of the replicas is due to -> relative standard error; none of a β of 0."""
+        fit = self.fit()
+        if self.aging is None or fit is None or fit.beta == 0:
+            return {}
+        parts = beta_parts(self.aging, self.window)
+        return {name: part.size / abs(fit.beta) for name, part in parts.items()}
 
     @cached_property
     def _fitted(self) -> tuple[Fit | None, str]:

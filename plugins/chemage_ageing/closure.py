@@ -37,9 +37,9 @@ LARGEST_ERROR = 0.14
 RIM_ERROR, UNEVEN_ERROR = 0.145, 0.13
 #: relative error of sites that do not interact: the quadrature
 INDEPENDENT_ERROR = 2e-4
-#: CPU seconds of a pressure of a table at the default accuracy, at most, measured from 120 to 570 K; of coarser ones at
-#: least so much of that
-NODE_SECONDS, COARSE_SHARE = 4.0, 0.5
+#: CPU seconds of a pressure of a table at the default accuracy, at most, measured from 120 to 570 K, most where bonds
+#: break and form until they settle; of coarser ones at least so much of that
+NODE_SECONDS, COARSE_SHARE = 15.0, 0.5
 #: the most pressures of a table where the contact is not known
 USUAL_NODES = 25
 #: of the share of the sites under the highest pressures, the change is taken at the pressure at which they begin

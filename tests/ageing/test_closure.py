@@ -321,6 +321,12 @@ def test_errors_of_opposite_signs_early_and_late_are_in_that_of_beta():
     shift = abs(tilted.fit(1.0, 1e3).beta / found.fit(1.0, 1e3).beta - 1)
     run = ca.Run(scene={"fit": {"start": 1.0, "stop": 1e3}}, contact=uniform(1.7), aging=found)
     assert run.beta_errors["closure"] == pytest.approx(shift, rel=1e-9)
+    level = found.model_copy(update={"bonds": np.full_like(found.bonds, 500.0)})
+    settled = dataclasses.replace(run, aging=level)
+    (beta,) = (one for one in level.quantities((1.0, 1e3)) if one.name == "beta")
+    assert (beta.value, settled.beta_errors) == (0.0, {})
+    assert beta.errors["closure"].size > 0.001 * level.mean_friction_coefficient_drop[-1]
+    assert beta.parts()[0][1] == f"{beta.errors['closure'].size:.4g}"
     several = aged(uniform(1.7), interacting(), method=None, replicas=3)
     assert dataclasses.replace(run, aging=several).beta_errors == {}
 
