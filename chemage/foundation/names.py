@@ -84,6 +84,7 @@ NAMES = {
     "studies.study": "Design carry_out",
     "studies.tasks": "Outcome Task Worker",
     "studies.trade": "TradeMap TradePoint",
+    "studies.sweeps.grid": "scenes_of",
     "studies.sweeps.result": "Collected Point SweepResult collect_sweep load_sweep",
     "studies.sweeps.running": "sweep",
 }

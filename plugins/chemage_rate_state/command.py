@@ -86,18 +86,23 @@ def slip_length(
 ) -> None:
     """Find the slip that renews the contact of two surfaces.
 
-    They slide over each other by pixels. D_c is the mean slip since the sites came into contact.
+    They slide over each other by pixels. D_c is the mean slip since the sites came into contact. A scene with [sweep]
+    gives a line for each of its points, and the power of the mean chord of a patch.
     """
-    from chemage import load_scene
-    from chemage.plugin import convert
-    from chemage_rate_state.display import RenewalDisplay
+    from chemage.plugin import convert, scenes_of
+    from chemage_rate_state.display import RenewalDisplay, RenewalsDisplay
     from chemage_rate_state.renewal import slip_length as measured
 
     output.check_figure(out, force)
-    loaded = load_scene(scene, options.changed_fields(changes))
+    scenes = scenes_of(scene, options.changed_fields(changes))
     length = None if slip is None else convert(slip, "nm")
+    found = []
     with progress.progress_bars({"sliding": "steps"}) as report:
-        found = measured(
-            loaded, surfaces, length, lambda step, of: report("sliding", step, of)
-        )
-    output.deliver(RenewalDisplay(found), out, as_json, as_csv, force)
+        for varied, one in scenes:
+            renewal = measured(
+                one, surfaces, length, lambda step, of: report("sliding", step, of)
+            )
+            found.append((varied, renewal))
+    several = len(found) > 1
+    display = RenewalsDisplay(found) if several else RenewalDisplay(found[0][1])
+    output.deliver(display, out, as_json, as_csv, force)

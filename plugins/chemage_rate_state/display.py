@@ -12,10 +12,12 @@ from chemage.plugin import (
     Panel,
     Picture,
     Quantity,
+    Rank,
     Result,
     Table,
     displays,
     figures,
+    statistics,
     text,
 )
 from chemage_rate_state.fit import RateStateFit
@@ -192,3 +194,103 @@ class RenewalDisplay(Result):
             axes.fill_between(curve.x, low, high, alpha=0.2)
         axes.set(xlabel="slip (nm)", ylabel="share", ylim=(0, 1.02), xlim=(0, None))
         figures.legend(axes)
+
+
+#: power of the slip length in the mean chord of a patch, and the mean of their ratio
+POWER = Quantity("power", "1", "power of D_c in 4A/C", rank=Rank.FIRST)
+RATIO = Quantity("ratio", "1", "D_c over 4A/C")
+
+
+class RenewalsDisplay(Result):
+    """Slip lengths of the points of a sweep, against the mean chord of a patch."""
+
+    errors = "95 % intervals: of points over pairs of surfaces, of the power over points (Student's t)"
+
+    def __init__(self, points: Sequence[tuple[dict[str, Any], Renewal]]) -> None:
+        self.points = points
+        self._found = [renewal.quantities() for _, renewal in points]
+        self.lengths, self.chords, _ = np.transpose(
+            [[one.value for one in row] for row in self._found]
+        )
+
+    @property
+    def name(self) -> str:
+        return self.points[0][1].name
+
+    @property
+    def title(self) -> str:
+        return f"Renewal by slip: {self.name}"
+
+    def facts(self) -> list[tuple[str, str]]:
+        ends = f"{self.chords.min():.3g} to {self.chords.max():.3g} nm"
+        return [("points", f"{len(self.points)}, mean chords from {ends}")]
+
+    def quantities(self) -> list[Quantity]:
+        ratio = RATIO.of_replicas(self.lengths / self.chords)
+        freedom = self.chords.size - 2
+        if freedom < 1 or not np.ptp(self.chords):
+            return [ratio]
+        logs = np.log(self.chords), np.log(self.lengths)
+        (power, _), covariance = np.polyfit(*logs, 1, cov="unscaled")
+        left = np.polyval(np.polyfit(*logs, 1), logs[0]) - logs[1]
+        error = float(np.sqrt(covariance[0, 0] * (left**2).sum() / freedom))
+        half = statistics.student_limit(freedom) * error
+        return [POWER.but(value=float(power)).between(half, error), ratio]
+
+    def tables(self) -> list[Table]:
+        """A line for each point."""
+        names = [*self.points[0][0], *(one.title for one in self._found[0])]
+        rows = [
+            [*map(str, varied.values()), *(one.text() for one in row)]
+            for (varied, _), row in zip(self.points, self._found, strict=True)
+        ]
+        return [Table("", names, rows, "Slip lengths", in_detail=False)]
+
+    def columns(self) -> dict[str, Any]:
+        varied = [
+            [str(value) for value in point.values()] for point, _ in self.points
+        ]
+        columns: dict[str, Any] = dict(
+            zip(self.points[0][0], zip(*varied, strict=True), strict=True)
+        )
+        for row in zip(*self._found, strict=True):
+            for part in ("value", "low", "high"):
+                name = row[0].name if part == "value" else f"{row[0].name}_{part}"
+                columns[f"{name} (nm)"] = np.array(
+                    [getattr(one, part) for one in row]
+                )
+        return columns
+
+    def numbers(self) -> dict[str, Any]:
+        return super().numbers() | {"points": self.columns()}
+
+    def notes(self) -> list[str]:
+        return list(
+            dict.fromkeys(
+                note
+                for _, one in self.points
+                for note in RenewalDisplay(one).notes()
+            )
+        )
+
+    def pictures(self) -> dict[str, Picture]:
+        """Slip length against mean chord."""
+        return {
+            "renewals": Picture((Panel(self._drawn, name="renewals"),), (5.6, 4.2))
+        }
+
+    def _drawn(self, axes: Axes, medium: Any = None) -> None:
+        half = [row[0].half_width for row in self._found]
+        axes.errorbar(
+            self.chords, self.lengths, half, fmt="o", ms=4, label="points"
+        )
+        ends = np.array([self.chords.min(), self.chords.max()])
+        ratio = float(np.exp(np.log(self.lengths / self.chords).mean()))
+        axes.plot(ends, ratio * ends, "--", label=f"{ratio:.2f} · 4A/C")
+        axes.set(
+            xlabel="mean chord of a patch 4A/C (nm)",
+            ylabel="slip length D_c (nm)",
+            xscale="log",
+            yscale="log",
+        )
+        figures.legend(axes, loc="upper left")

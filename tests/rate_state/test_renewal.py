@@ -103,3 +103,23 @@ def test_the_command_prints_the_slip_length(command, tmp_path, monkeypatch):
     assert command("slip-length", "rough.toml", "--surfaces", "2", "--slip", "3 nm", "--csv").out.startswith(
         "slip (nm),"
     )
+
+
+def test_a_sweep_gives_a_line_for_each_point_and_the_power_of_the_chord(command, tmp_path, monkeypatch):
+    """Discs are renewed in proportion to their chord: D_c/(4A/C) = (8a/3π)/(πa/2)."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "discs.toml").write_text(
+        'name = "discs"\n[surface]\nkind = "sphere"\nradius = "200 nm"\npixels = 256\npixel_size = "0.5 nm"\n'
+        '[contact]\nkind = "hertz"\nmodulus = "35.3 GPa"\nload = "1 uN"\n'
+        '[sweep]\n"contact.load" = ["0.3 uN", "0.6 uN", "1.5 uN", "3 uN"]\n'
+    )
+    found = json.loads(command("slip-length", "discs.toml", "--out", "discs.png", "--json").out)
+    assert found["power"] == pytest.approx(1.0, abs=0.02)
+    assert found["ratio"] == pytest.approx(16 / (3 * np.pi**2), rel=0.02)
+    radii = (3 * np.array([300.0, 600.0, 1500.0, 3000.0]) * 200 / (4 * 35.3)) ** (1 / 3)
+    assert found["points"]["slip_length (nm)"] == pytest.approx(8 * radii / (3 * np.pi), rel=5e-3)
+    assert found["points"]["contact.load"] == ["0.3 uN", "0.6 uN", "1.5 uN", "3 uN"]
+    assert (tmp_path / "discs.png").stat().st_size > 1000
+    printed = command("slip-length", "discs.toml").out
+    assert "power of D_c in 4A/C" in printed
+    assert printed.count(" uN") == 4

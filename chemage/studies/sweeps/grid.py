@@ -17,6 +17,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ from chemage.scene.files import (
     override,
     parse_scene,
     required_sections,
+    scene_data,
     section_names,
 )
 from chemage.scene.materials import filled_sections
@@ -547,6 +549,18 @@ def shown(value: Any) -> str:
             ]
         ).strip()
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def scenes_of(
+    where: str | Path, changes: Mapping[str, Any] | None = None
+) -> list[tuple[dict[str, Any], Scene]]:
+    """The scenes of a scene file or an installed scene, each with what varies: of ``[sweep]`` its points, else itself."""
+    data, source = scene_data(where)
+    data = override(data, changes or {})
+    if "sweep" not in data:
+        return [({}, parse_scene(data, source))]
+    grid = Grid.read(data, source)
+    return [(grid.changes(point), grid.scene(point)) for point in range(grid.size)]
 
 
 #: the folder of divisions within that of a sweep
