@@ -156,6 +156,7 @@ from chemage.surfaces import roughness as roughness
 from chemage.kinetics.role import run_kinetics as run_kinetics
 from chemage.friction.role import rupture_bonds as rupture_bonds
 from chemage.scene.files import scene_data as scene_data
+from chemage.studies.sweeps.grid import scenes_of as scenes_of
 from chemage.foundation import statistics as statistics
 from chemage.scene.run import surface_of as surface_of
 from chemage.foundation import tables as tables

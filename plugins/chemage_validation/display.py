@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 PLAIN = ("name", "sentence", "published", "error", "set", "number", "claimed")
 #: distance from the published number, over that of the limit, beyond which a point is drawn at the edge
 EDGE = 3.0
+#: verdicts in the order of their colours
+COLOURED = ("calibrated", "wrong", "held out and right", "cannot tell")
 
 
 def _number(value: float) -> str:
@@ -144,8 +146,9 @@ class ValidationDisplay(Result):
         return [one for one in self.validation.rows if one.test is not None]
 
     def _draw(self, axes: Axes, medium: Any = None) -> None:
-        verdicts = list(dict.fromkeys(one.verdict for one in self._drawn()))
-        colors = dict(zip(verdicts, figures.PALETTE, strict=False))
+        there = {one.verdict for one in self._drawn()}
+        colors = dict(zip(COLOURED, figures.PALETTE, strict=False))
+        colors = {name: color for name, color in colors.items() if name in there}
         for height, one in enumerate(self._drawn()):
             found, row = one.prediction, one.row
             ends = np.array([found.value, found.low, found.high]) - row.claimed
@@ -154,11 +157,14 @@ class ValidationDisplay(Result):
                 near, far = far, near
             scale = near if math.isfinite(near) else far
             value, low, high = np.clip(ends / scale, -EDGE, EDGE)
+            limits = np.where(np.isfinite(row.limits[1:3]), (-1, 1), (-EDGE, EDGE))
+            axes.barh(height, np.ptp(limits), 1, limits[0], color="0.92", zorder=0)
             axes.plot([low, high], [height, height], color=colors[one.verdict])
-            axes.plot(value, height, "o", ms=4, color=colors[one.verdict])
+            marker = "o" if abs(value) < EDGE else "<" if value < 0 else ">"
+            axes.plot(value, height, marker, ms=4, color=colors[one.verdict])
         for verdict, color in colors.items():
             axes.plot([], [], "o-", ms=4, color=color, label=verdict)
-        axes.axvspan(-1, 1, color="0.92", zorder=0)
+        axes.barh(0, 0, color="0.92", label="accepted")
         names = [one.row.name for one in self._drawn()]
         axes.set_yticks(range(len(names)), names)
         axes.set(

@@ -27,12 +27,13 @@ ALLOWED = {"same": 0.0, "last digits": 1e-9, "tolerance": 1e-4, "another chain":
 
 
 def table() -> dict[str, dict[str, str]]:
-    """Kind of result -> column -> promise."""
+    """Kind of result, of which a row may have several -> column -> promise."""
     text = (ROOT / "docs" / "file-format.md").read_text(encoding="utf-8").partition("## Equal bytes")[2]
     lines = [line for line in text.partition("\n## ")[0].splitlines() if line.startswith("|")]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     rows = [row for row in rows if len(row) == len(rows[0])]
-    return {row[0]: dict(zip(rows[0][1:], row[1:], strict=True)) for row in rows[2:]}
+    promises = [(row[0], dict(zip(rows[0][1:], row[1:], strict=True))) for row in rows[2:]]
+    return {kind: each for kinds, each in promises for kind in kinds.split("; ")}
 
 
 def results(environment: dict[str, str], path: Path) -> dict[str, np.ndarray]:
