@@ -239,7 +239,8 @@ class RenewalsDisplay(Result):
 
     def tables(self) -> list[Table]:
         """A line for each point."""
-        names = [*self.points[0][0], *(one.title for one in self._found[0])]
+        fields = [path.rpartition(".")[2] for path in self.points[0][0]]
+        names = [*fields, *(one.title for one in self._found[0])]
         rows = [
             [*map(str, varied.values()), *(one.text() for one in row)]
             for (varied, _), row in zip(self.points, self._found, strict=True)

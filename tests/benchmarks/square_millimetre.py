@@ -11,7 +11,7 @@ import argparse
 import math
 import tempfile
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from typing import Any
 
 import chemage as ca
@@ -27,7 +27,7 @@ SCENE = {
 
 def main(celsius: list[float]) -> None:
     """Print a line for each temperature."""
-    run, seconds, events = _table.run_kinetics, Counter[str](), Counter[str]()
+    run, seconds, events = _table.run_kinetics, defaultdict[str, float](float), Counter[str]()
 
     def timed(engine: Any, lattice: Any, *args: Any, **options: Any) -> Any:
         begin = time.process_time()
@@ -57,7 +57,8 @@ def main(celsius: list[float]) -> None:
         area = done.contact.approximate[0]["declared_error"]
         half = math.hypot(closure, area * b)
         print(
-            f"{kelvin - 273.15:g} °C: b {b:.4f} [{b - half:.4f}, {b + half:.4f}] (closure ± {closure:.4f}, area ± {area:.1%});",
+            f"{kelvin - 273.15:g} °C: b {b:.4f} [{b - half:.4f}, {b + half:.4f}]",
+            f"(closure ± {closure:.4f}, area ± {area:.1%});",
             f"Δμ {done.aging.mean_friction_coefficient_drop[-1]:.3f} in the end;",
             f"{first:.0f} CPU s, again {again:.2f};",
             *(f"{name} {seconds[name]:.0f} s, {events[name]:.1e} events;" for name in seconds),
