@@ -10,18 +10,18 @@ import numpy as np
 
 from chemage import ContactSolution, InputError, Run, parse_scene, run
 from chemage.plugin import Curve, Result, figures, override, result_of, text
-from chemage_live.sliders import Slider
+from chemage_live.sliders import Control
 
 #: while a slider moves: pixels along a side, and sites times replicas, at most
 PIXELS, SITES = 512, 4000
 
 
-class Model:
+class LiveScene:
     """A scene that follows sliders, and the last result."""
 
     last: Run
 
-    def __init__(self, data: Mapping[str, Any], sliders: Sequence[Slider]) -> None:
+    def __init__(self, data: Mapping[str, Any], sliders: Sequence[Control]) -> None:
         self.data = data
         self.name = str(data["name"])
         self.sliders = sliders

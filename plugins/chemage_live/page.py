@@ -30,7 +30,7 @@ from chemage.plugin import (
     statistics,
     write_file,
 )
-from chemage_live.model import Model, table
+from chemage_live.model import LiveScene, table
 from chemage_live.sliders import sliders_of
 
 #: seconds without a move, after which everything is computed
@@ -85,11 +85,11 @@ class Page:
         data = scene if isinstance(scene, Mapping) else scene_data(scene)[0]
         base = override(data, {"sweep": None, **(changes or {})})
         self.sliders = sliders_of(base, slide, count)
-        self.models = [Model(base, self.sliders)]
+        self.models = [LiveScene(base, self.sliders)]
         if beside is not None:
             other = override(scene_data(beside)[0], {"sweep": None})
             other["name"] += " beside" * (other["name"] == base["name"])
-            self.models.append(Model(other, self.sliders))
+            self.models.append(LiveScene(other, self.sliders))
         self.equal_pressure = equal_pressure
         self.command = f"chemage run {self.where}"
         for path, value in (changes or {}).items():

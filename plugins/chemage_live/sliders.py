@@ -18,7 +18,7 @@ FIRST = ("contact.load", "hold.temperature")
 
 
 @dataclass(frozen=True)
-class Slider:
+class Control:
     """One option and the values that it takes."""
 
     #: dotted path into the scene
@@ -33,7 +33,7 @@ class Slider:
 
 def sliders_of(
     data: Mapping[str, Any], asked: Sequence[str], count: int
-) -> list[Slider]:
+) -> list[Control]:
     """The sliders of a scene: those ``asked`` for (``PATH`` or ``PATH=LOW, HIGH``), else load, temperature and lengths of
     the surface. ``count`` values each, and the scene's own.
 
@@ -54,7 +54,7 @@ def sliders_of(
     return [_slider(scene, text, count) for text in asked or found]
 
 
-def _slider(scene: Scene, asked: str, count: int) -> Slider:
+def _slider(scene: Scene, asked: str, count: int) -> Control:
     path, given, ends = asked.partition("=")
     own, unit = _number(scene, path), scene.unit(path)
     if own is None:
@@ -71,7 +71,7 @@ def _slider(scene: Scene, asked: str, count: int) -> Slider:
     space = np.geomspace if low > 0 else np.linspace
     values = sorted({own, *(float(f"{x:.4g}") for x in space(low, high, count))})
     texts = [f"{value:.6g} {unit}" if unit else value for value in values]
-    return Slider(path, _meaning(scene, path), texts, values.index(own))
+    return Control(path, _meaning(scene, path), texts, values.index(own))
 
 
 def _number(scene: Scene, path: str) -> float | None:

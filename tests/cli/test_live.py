@@ -13,7 +13,7 @@ from bokeh.document import Document
 
 import chemage as ca
 from chemage.plugin import override, result_of, scene_data, statistics
-from chemage_live.model import Model, table
+from chemage_live.model import LiveScene, table
 from chemage_live.page import Live, Page
 from chemage_live.sliders import sliders_of
 
@@ -63,7 +63,7 @@ def test_a_wrong_slider_is_refused_with_the_remedy(asked, words):
 def test_numbers_are_those_of_a_run_and_less_is_said_while_moving(page):
     place = len(page.sliders[0].values) - 1
     assert page.state([place])["table"] == cells("silica-tip", **{"contact.load": "80 nN"})
-    model = Model(override(scene_data("silica-tip")[0], {"hold.stop": "1 s"}), page.sliders)
+    model = LiveScene(override(scene_data("silica-tip")[0], {"hold.stop": "1 s"}), page.sliders)
     assert model.at([place], quick=True) == ""
     sites = model.last.aging.sites.mean()
     less = model.at([place], quick=True)
@@ -76,7 +76,7 @@ def test_while_moving_a_large_contact_has_larger_pixels_and_the_same_sites():
         scene_data("silica-rough")[0],
         {"surface.pixels": 1250, "surface.zeta": 75, "hold.replicas": 2, "hold.stop": "1 s"},
     )
-    model = Model(data, sliders_of(data, (), 5))
+    model = LiveScene(data, sliders_of(data, (), 5))
     places = [slider.start for slider in model.sliders]
     assert model.at(places, quick=True) == "pixels 2 times larger"
     assert model.last.contact.shape == (625, 625)

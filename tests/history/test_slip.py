@@ -552,9 +552,15 @@ def test_any_number_of_a_step_is_swept(axis, values, seen, tmp_path):
         ({"step": STEPS, "ageing": {"kind": "closure"}}, "the steps follow every site"),
         ({"step": STEPS, "drive": {"bond_stiffness": 10, "transition_distance": 0.03, "speed": 5}}, "drive.speed: 5"),
         ({"step": [{"duration": 1, "load": -5}]}, "step 0: load = -5.0: must be finite and not negative"),
-        ({"step": [{"duration": 1}, {"duration": 1, "load": "3 nm"}]}, 'step 1: load: "3 nm" is a quantity of nanometer'),
+        (
+            {"step": [{"duration": 1}, {"duration": 1, "load": "3 nm"}]},
+            'step 1: load: "3 nm" is a quantity of nanometer',
+        ),
         ({"step": [{"duration": 1, "load": {"to": "5 MPa"}}]}, "step 0: load = '5 MPa': a nominal pressure needs"),
-        ({"step": [{"duration": 1, "load": {"to": "3 GPa over contact"}}]}, "step 0: load: a ramp ends at a force or a no"),
+        (
+            {"step": [{"duration": 1, "load": {"to": "3 GPa over contact"}}]},
+            "step 0: load: a ramp ends at a force or a no",
+        ),
         ({"step": [{"duration": 1, "hardness_ratio": 0.5}]}, "step 0: hardness_ratio: this contact has no hardness"),
     ],
 )
