@@ -86,7 +86,7 @@ def test_at_full_yield_the_area_is_load_over_hardness(periodic):
 
 
 @pytest.mark.parametrize("mean", [pytest.param(1e-3, marks=pytest.mark.long), 0.3, 3.0, 200.0])
-@pytest.mark.parametrize("precision", ["mixed", "single"])
+@pytest.mark.parametrize("precision", ["mixed", pytest.param("single", marks=pytest.mark.long)])
 def test_a_hardness_that_is_not_reached_changes_nothing(mean, precision):
     surface = rough(256)
     load = mean * surface.nominal_area

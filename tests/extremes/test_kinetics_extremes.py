@@ -432,7 +432,11 @@ def test_runs_side_by_side_do_not_disturb_each_other(kind):
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[] if kind == "rejection-free" else pytest.mark.campaign) for kind in COUPLED]
+    "kind",
+    [
+        pytest.param(kind, marks=pytest.mark.long if kind == "rejection-free" else pytest.mark.campaign)
+        for kind in COUPLED
+    ],
 )
 def test_couplings_in_single_precision_are_used_as_they_are(kind):
     """The kernels of either precision give the same events."""

@@ -384,7 +384,7 @@ def chain_trial(seed: int, folder) -> None:
     trial.resumed(whole, folder)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(4, 12))])
 def test_random_programmes_at_once_by_hand_and_in_pieces(seed, tmp_path):
     chain_trial(seed, tmp_path)
 

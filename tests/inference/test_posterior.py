@@ -470,6 +470,7 @@ def test_all_sites_are_somewhere_and_those_seen_stay():
     assert densities[:, :11] @ GRID.areas[:11] == pytest.approx(smooth[:, :11] @ GRID.areas[:11])
 
 
+@pytest.mark.long
 def test_an_upper_end_of_90_percent_is_held_by_all_sites_in_one_narrow_peak(monkeypatch):
     """No density that ages linearly first gives more later: 5 % of the samples must be such peaks, 10 % to be sure."""
     monkeypatch.setattr("chemage_inference.problem.MOVES", 300)
