@@ -31,6 +31,8 @@ NEGLIGIBLE = 60.0
 ROWS = 16
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
+#: nodes by which a density is shifted at most; probability with which a new one has the sign of the one beside
+SHIFTED, SAME = 8, 0.9
 
 
 @kernel(nogil=True)
@@ -602,6 +604,25 @@ def choice_drawn(x, choices, level, inverses, logs, model, limit, gumbels):
 
 
 @kernel(nogil=True)
+def shifted(x, log_shares, nodes, uniforms):
+    """Signs of ``x`` (n,) and ``log_shares`` (n,) moved up by ``nodes``; new ones at an end are drawn, each with the
+    sign of the one beside it, or not. With them, the logarithm of the probability of those that are lost, drawn from
+    those beside, over that of the new ones. ``uniforms``: (:data:`SHIFTED`, 2)."""
+    signs, shares, gain = np.roll(x, nodes), np.roll(log_shares, nodes), 0.0
+    inwards = 1 if nodes > 0 else -1
+    for k in range(abs(nodes)):
+        new = inwards * (abs(nodes) - k) - (nodes > 0)
+        same = uniforms[k, 0] < SAME
+        signs[new] = 1.0 if same == (signs[new + inwards] > 0.0) else -1.0
+        shares[new] = math.log(1.0 - uniforms[k, 1])
+        lost = new - nodes
+        kept = (x[lost] > 0.0) == (x[lost - inwards] > 0.0)
+        gain += math.log(SAME if kept else 1.0 - SAME)
+        gain -= math.log(SAME if same else 1.0 - SAME)
+    return signs, shares, gain
+
+
+@kernel(nogil=True)
 def scalars_moved(
     x,
     scalars,
@@ -616,6 +637,7 @@ def scalars_moved(
     priors,
     steps,
     flips,
+    shifts,
     uniforms,
 ):
     """Move the ``scalars`` (k,) by each of the ``steps`` (M, k), or stay, with a density that adapts, in place.
@@ -627,7 +649,8 @@ def scalars_moved(
     of its model. In half of the moves the strength of the prior falls as the values rise: it is one of
     ``strengths[0]``, by steps of ``strengths[1]`` in the logarithm. ``inverses`` (choices, n, n) and ``logs``
     (choices,): see :func:`adapted`; ``priors``: :func:`log_prior_of`; ``measured`` and ``data``, values, errors and
-    correlations: :func:`reduced`. ``uniforms``: (M, 3).
+    correlations: :func:`reduced`. The density is shifted by the nodes of ``shifts`` (M,), see :func:`shifted`.
+    ``uniforms``: (M, 3 + :data:`SHIFTED`, 2).
     """
     values, errors, near = data
     rises = measured[5].sum(axis=0) / values.size
@@ -656,11 +679,14 @@ def scalars_moved(
         other = scalars + step * steps[number]
         gain += log_prior_of(other, priors) - log_prior_of(scalars, priors)
         fall = 0.0
-        if uniforms[number, 0] < 0.5:
+        if uniforms[number, 0, 0] < 0.5:
             for k in range(rises.size):
                 fall += rises[k] * (other[k] - scalars[k]) / strengths[1]
-        strength = choice % strengths[0] - math.floor(fall + uniforms[number, 1])
-        if gain == -np.inf or not 0 <= strength < strengths[0]:
+        strength = choice % strengths[0] - math.floor(fall + uniforms[number, 1, 0])
+        nodes = shifts[number]
+        possible = 0 <= strength < strengths[0]
+        possible = possible and abs(nodes) <= min(SHIFTED, x.size - 1)
+        if gain == -np.inf or not possible:
             continue
         after = int(choice - choice % strengths[0] + strength)
         if flip or not known:
@@ -672,18 +698,19 @@ def scalars_moved(
                 x.copy(), shares, False, level, inverses[choice], logs[choice], equations, model, limit
             )  # fmt: skip
             known = not flip
-        trial = x.copy()
+        trial, its_shares, more = shifted(x, shares, nodes, uniforms[number, 3:])
+        gain += more
         new, goal, left = reduced(other, measured, values, errors, near)
         weighed(new, goal, areas, there)
         limit = LIMIT if complete != flip else 1.0
-        equations = normal_equations(x, level, new, goal)
+        equations = normal_equations(trial, level, new, goal)
         found = adapted(
-            trial, shares, True, level, inverses[after], logs[after], equations, (new, goal, areas), limit
+            trial, its_shares, True, level, inverses[after], logs[after], equations, (new, goal, areas), limit
         )  # fmt: skip
         if found - value + gain + 0.5 * (rest - left) > math.log(
-            uniforms[number, 2]
+            uniforms[number, 2, 0]
         ):
-            x[:], scalars[:] = trial, other
+            x[:], shares[:], scalars[:] = trial, its_shares, other
             matrix, target, rest, value = new, goal, left, found
             state[0], state[1] = after, complete != flip
             known = not flip

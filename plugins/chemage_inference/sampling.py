@@ -32,6 +32,8 @@ SCALARS_AGREED = 1.01
 #: lengths of moves of the scalars over that of a difference of earlier values, or of the prior, before there are earlier
 #: values; by how much they are larger then
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
+#: share of the moves of scalars in which the density shifts with the energies
+SHIFTED = 0.7
 #: passes over the density in a sweep, and moves of scalars in each; common factors need fewer
 PASSES, MOVED = 2, 5
 #: densities at most that are looked at for one direction of an exchange between density and factor
@@ -322,6 +324,22 @@ class Chain:
         return np.array([*before, *shared], dtype=bool)
 
     @cached_property
+    def _shifts(self) -> np.ndarray:
+        """(k,) nodes by which energies shift with each scalar: as the model in the middle of the grid does at best."""
+        problem, shifts = self.problem, np.zeros(self.scalars.size)
+        middle = problem.unknowns.nodes.mean(axis=0)
+        scale = problem.errors[:, None] * problem.areas
+        for axis in range(middle.size):
+            ends = middle + np.outer((-1, 0, 1), np.arange(middle.size) == axis)
+            weights = problem.unknowns.weights(ends)
+            below, here, above = (problem.at(one)[0] / scale for one in weights)
+            columns = np.stack([np.gradient(here, axis=1), here]).reshape(2, -1)
+            square = algebra.product(columns, columns.T)
+            change = algebra.product(columns, (above - below).ravel() / 2)
+            shifts[axis] = -np.linalg.solve(square, change)[0]
+        return shifts
+
+    @cached_property
     def _scaling(self) -> np.ndarray:
         """(k,) changes of the scalars by which all values rise by a factor e: of common factors, or else of the load."""
         direction, axes = self._common.astype(float), self.problem.unknowns.axes
@@ -359,9 +377,9 @@ class Chain:
         )
         self._rows = None
 
-    def _steps(self, count: int) -> np.ndarray:
+    def _steps(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """(count, k) by which scalars move: a difference of earlier values or as far as the prior is wide, all or
-        one."""
+        one; and (count,) nodes by which energies shift, and in most of the moves the density."""
         rng, size, archive = self.rng, self.scalars.size, self.guide.scalars
         steps, longer = self._widths * rng.standard_normal((count, size)), 0.0
         kind = np.ones(count)
@@ -372,19 +390,26 @@ class Chain:
             steps[earlier] = np.subtract(*pairs)[earlier]
         one = np.arange(size) == rng.integers(size, size=(count, 1))
         steps *= one | (kind <= 0.4)[:, None]
-        return steps * (rng.choice(STEPS, size=(count, 1)) + longer)
+        steps *= rng.choice(STEPS, size=(count, 1)) + longer
+        # a density shifts by whole nodes
+        nodes = algebra.product(steps, self._shifts)
+        whole = np.rint(nodes) * (rng.random(count) < SHIFTED)
+        there = whole != 0
+        steps[there] *= (whole[there] / nodes[there])[:, None]
+        return steps, whole.astype(np.int64)
 
     def _moved_scalars(self, flips: bool) -> None:
         """Move the scalars, or stay, with a density that adapts to them; with ``flips`` one move opens or completes the
         density."""
         problem, rng, direction = self.problem, self.rng, self._scaling
-        steps = self._steps(1 if self._common.all() else MOVED)
+        steps, nodes = self._steps(1 if self._common.all() else MOVED)
         ways = np.full((len(steps), 2), np.nan)
         if flips and direction.any():
             there = direction != 0
             width = float(np.mean(self._widths[there] / direction[there]))
             steps = np.concatenate([steps, direction[None]])
             ways = np.concatenate([ways, [[width, rng.standard_normal()]]])
+            nodes = np.append(nodes, 0)
         state = np.array([self.choice, self.complete])
         kernels.scalars_moved(
             self.x,
@@ -399,7 +424,8 @@ class Chain:
             self._priors,
             steps,
             ways,
-            rng.random((len(steps), 3)),
+            nodes,
+            rng.random((len(steps), 3 + kernels.SHIFTED, 2)),
         )
         self.choice, self.complete = int(state[0]), bool(state[1])
         self._rows = None

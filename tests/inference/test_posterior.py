@@ -382,6 +382,7 @@ UNKNOWN = {
     "factor": Unknowns(factor=(-1.0, 1.0)),
     "ratio": Unknowns({"ratio": RATIO}),
     "both": Unknowns({"ratio": RATIO}, (-1.0, 1.0)),
+    "shift": Unknowns({"shift": np.arange(5.0)}),
 }
 
 
@@ -390,9 +391,10 @@ UNKNOWN = {
     ("name", "calibration", "seeds"),
     [
         pytest.param("both", 0.2, [1], marks=pytest.mark.campaign),
+        ("shift", 0.0, [1, 2, 3]),
         *(
             pytest.param(name, calibration, [1, 2, 3, 4, 5, 6], marks=pytest.mark.campaign)
-            for name in UNKNOWN
+            for name in ("factor", "ratio", "both")
             for calibration in (0.0, 0.2)
         ),
     ],
@@ -402,7 +404,10 @@ def test_scalars_have_the_posterior_of_importance_sampling(name, calibration, se
     unknowns, nodes, areas = UNKNOWN[name], NODES[:3], np.full(3, 0.3)
     ratio = RATIO if unknowns.axes else np.ones(1)
     rows = np.random.default_rng(3).uniform(0.5, 1.0, (2, 3)) / 3
-    matrices = unknowns.coefficients(np.stack([rows * [[1.0], [r]] for r in ratio]))
+    models = np.stack([rows * [[1.0], [r]] for r in ratio])
+    if name == "shift":  # by a node with each step: what reacts lies lower or higher
+        models = 0.3 * ndtr(np.array([[0.5], [1.5]]) - np.arange(3) + np.arange(-2, 3)[:, None, None])
+    matrices = unknowns.coefficients(models)
     values, errors = np.array([0.8, 0.9]), np.array([0.2, 0.2])
     noise = replace(fixed(errors), model=ErrorModel(calibration=calibration))
     made = Problem(Prior(nodes), areas, values, noise, matrices, np.zeros((ratio.size, 2)), unknowns)
@@ -416,8 +421,8 @@ def test_scalars_have_the_posterior_of_importance_sampling(name, calibration, se
         at = rng.uniform(0, 4, 20_000) if unknowns.axes else np.zeros(20_000)
         log = rng.uniform(-1, 1, 20_000) if unknowns.factor else np.zeros(20_000)
         shared = calibration * rng.standard_normal(20_000)
-        fitted = density @ rows.T * np.exp(log + shared)[:, None]
-        fitted[:, 1] *= 0.5 + at / 4 if unknowns.axes else 1.0
+        weighted = np.einsum("sg,gmn->smn", unknowns.weights(at[:, None][:, : len(unknowns.axes)]), matrices)
+        fitted = np.einsum("smn,sn->sm", weighted, density) * np.exp(log + shared)[:, None]
         mass = density @ areas
         complete = 2 * np.exp(-0.5 * ((mass - 1) / COMPLETE) ** 2) / (COMPLETE * np.sqrt(2 * np.pi))
         weights.append(np.exp(-0.5 * (((fitted - values) / errors) ** 2).sum(axis=1)) * ((mass <= 1) + complete))
@@ -435,6 +440,22 @@ def test_scalars_have_the_posterior_of_importance_sampling(name, calibration, se
     for mine, middle, theirs in zip(sampled.T, mean, spread, strict=True):
         assert mine.mean() == pytest.approx(middle, abs=0.12 * theirs + 1e-9)
         assert mine.std() == pytest.approx(theirs, rel=0.1, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_chains_follow_the_ridge_along_which_energies_shift(seed):
+    """Two narrow peaks at one temperature: a larger ν₀ is nothing but higher barriers."""
+    nodes, ends = np.linspace(0.5, 1.3, 41), np.linspace(0.75, 1.05, 12)[:, None]
+    reacts = -np.expm1(-np.exp(np.minimum(ends + 0.02 * np.arange(-4, 5)[:, None, None] - nodes, 0.1) / 0.02))
+    truth = 7.0 * np.exp(-0.5 * ((nodes - 0.80) / 0.02) ** 2) + 4.0 * np.exp(-0.5 * ((nodes - 0.98) / 0.02) ** 2)
+    unknowns, values = Unknowns({"attempt_frequency": np.geomspace(1e12, 1e14, 9)}), 0.02 * reacts[4] @ truth
+    known = fixed(0.005 + 0.01 * values), unknowns.coefficients(0.02 * reacts), np.zeros((9, 12)), unknowns
+    made = Problem(Prior(nodes), np.full(41, 0.02), values, *known, start=4)
+    drawn = sample(made, np.where(truth < 0.01, -1.0, truth), samples=800, seed=seed, sweeps=200, threads=1)
+    ess, ratio = convergence(drawn.positions.reshape(4, -1, 1))
+    assert ess > 60, "6 without shifts"
+    assert ratio < 1.1, "1.6 without shifts"
+    assert drawn.positions.std() > 1.8, "uniform: 2.3"
 
 
 def test_chains_that_differ_are_seen():
