@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.plugin import KB
+from chemage.plugin import KB, algebra
 from chemage_inference.noise import WIDER
 
 #: log odds against measurements without trouble from which one is named, and those by which it excludes others
@@ -91,9 +91,11 @@ class Cause(NamedTuple):
 
 def _log(covariance: np.ndarray, residual: np.ndarray) -> tuple[float, np.ndarray]:
     """Log evidence but for a constant, and the inverse of the covariance."""
-    inverse = np.linalg.inv(covariance)
-    misfit = float(residual @ inverse @ residual)
-    return -0.5 * (float(np.linalg.slogdet(covariance)[1]) + misfit), inverse
+    lower = algebra.cholesky(covariance)
+    root = algebra.forward(lower, np.eye(len(lower)))
+    misfit = float(np.sum(algebra.product(root, residual) ** 2))
+    log = -np.log(np.diag(lower)).sum() - 0.5 * misfit
+    return float(log), algebra.product(root.T, root)
 
 
 @dataclass(frozen=True, eq=False)

@@ -293,6 +293,10 @@ _DRAWN: dict[str, tuple[Any, str]] = {
 }
 
 
+#: what errors are of chains that do not agree
+NOT_CONVERGED = "no band of the posterior: chains have not converged"
+
+
 @displays(InferenceResult)
 class InferenceDisplay(OfRecord[Inference]):
     """An inference as users see it, with what was asked of it."""
@@ -304,6 +308,8 @@ class InferenceDisplay(OfRecord[Inference]):
     def __init__(self, result: InferenceResult) -> None:
         super().__init__(result.inference)
         self.result, self.inference = result, result.inference
+        if not self.inference.converged:
+            self.errors = NOT_CONVERGED
 
     @property
     def title(self) -> str:
@@ -311,7 +317,8 @@ class InferenceDisplay(OfRecord[Inference]):
 
     @property
     def heading(self) -> str:
-        return f"{self.title}; medians, 90 % intervals"
+        one, bands = self.inference, "medians, 90 % intervals"
+        return f"{self.title}; {bands if one.converged else 'not converged'}"
 
     def facts(self) -> Rows:
         return facts(self.inference)

@@ -54,8 +54,6 @@ FAMILIES = ("uniform", "triangle", "gaussian", "piecewise")
 WIDTH = 2.446
 #: samples of the prior that are kept
 PRIOR_SAMPLES = 400
-#: effective samples below which, and R-hat above which, a note says so
-FEW, APART = 100, 1.05
 #: share of the friction at the last hold time from above the visible energies from which a note says so
 MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
@@ -426,11 +424,10 @@ def _notes(
         low, high = inference.interval(name)
         if high - low > 0.8 * (top - bottom):
             yield f"{name}: its interval is as wide as its bounds, so that the data do not tell it"
-    effective, r_hat = diagnostics["effective_samples"], diagnostics["r_hat"]
-    if r_hat > APART or effective < FEW:
+    if not inference.converged:
         yield (
-            f"sampling has not converged ({effective:.0f} effective samples, R-hat {r_hat:.2f}); "
-            "repeat with another seed and compare before relying on the bands"
+            f"sampling has not converged ({diagnostics['effective_samples']:.0f} effective samples, "
+            f"R-hat {diagnostics['r_hat']:.2f}): the bands may be too narrow; repeat with another seed"
         )
     changes = diagnostics["changes"]
     if changes and changes[-1] > 0.05:

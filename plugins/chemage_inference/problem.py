@@ -516,19 +516,18 @@ class Hidden:
     ) -> None:
         """Move ``peaks`` (S, 4, k) :data:`MOVES` times in the posterior, with the densities ``rest`` (S, n)
         elsewhere."""
-        tables = np.einsum(
-            "gmn,wjn->gwjm", data.matrices[:, :, self.here], self.shapes
-        )
         factor = data.factors[:, None]
         seen = values_of(rest, data.weights, data.matrices, data.offsets)
         base, scale = data.values - factor * seen, data.factors * shares
         # only combinations of the measurements that the peaks change
-        rows = tables.reshape(-1, tables.shape[-1])
-        axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0)
-        axes = axes[
-            np.abs(algebra.product(tables, axes.T)).max(axis=(0, 1, 2)) > NEGLIGIBLE
-        ].T
-        tables, base = algebra.product(tables, axes), algebra.product(base, axes)
+        here = np.moveaxis(data.matrices[:, :, self.here], 1, 2)
+        rows = here.reshape(-1, here.shape[2])
+        axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0).T
+        projected = algebra.product(here, axes)
+        tables = np.stack([algebra.product(self.shapes, one) for one in projected])
+        told = np.abs(tables).max(axis=(0, 1, 2)) > NEGLIGIBLE
+        axes, tables = axes[:, told], np.ascontiguousarray(tables[..., told])
+        base = algebra.product(base, axes)
         kt, widths = data.kt / self.step, WIDTHS / self.step
         for each, weights, *of in zip(
             peaks, data.weights, base, scale, strict=True

@@ -50,6 +50,8 @@ from chemage_inference.problem import LOAD, UNITS
 ONE = "1"
 #: forecasts that one file can hold
 MOST_FORECASTS = 100
+#: effective samples below which, and R-hat above which, chains have not converged
+FEW, APART = 100, 1.05
 #: scores that are lower by more exclude a model: it is probable to less than one in a hundred
 EXCLUDED = 5.0
 
@@ -236,6 +238,14 @@ class Inference(Record):
             if seen.size
             else (float("nan"), float("nan"))
         )
+
+    @property
+    def converged(self) -> bool:
+        """Whether the chains agree, and bands are those of the posterior."""
+        effective, r_hat = (
+            self.diagnostics[name] for name in ("effective_samples", "r_hat")
+        )
+        return effective >= FEW and r_hat <= APART
 
     @property
     def residuals(self) -> np.ndarray:

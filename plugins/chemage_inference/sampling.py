@@ -35,7 +35,7 @@ STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: share of the moves of scalars in which the density shifts with the energies
 SHIFTED = 0.7
 #: passes over the density in a sweep, and moves of scalars in each; common factors need fewer
-PASSES, MOVED = 2, 5
+PASSES, MOVED = 2, 8
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
@@ -324,33 +324,30 @@ class Chain:
         return np.array([*before, *shared], dtype=bool)
 
     @cached_property
-    def _shifts(self) -> np.ndarray:
-        """(k,) nodes by which energies shift with each scalar: as the model in the middle of the grid does at best."""
-        problem, shifts = self.problem, np.zeros(self.scalars.size)
+    def _responses(self) -> np.ndarray:
+        """(2, k): nodes by which energies shift, and logarithms by which values rise, with one of each scalar on the
+        grid: as the model in the middle of the grid changes at best."""
+        problem, found = self.problem, np.zeros((2, self.scalars.size))
         middle = problem.unknowns.nodes.mean(axis=0)
         scale = problem.errors[:, None] * problem.areas
         for axis in range(middle.size):
             ends = middle + np.outer((-1, 0, 1), np.arange(middle.size) == axis)
             weights = problem.unknowns.weights(ends)
             below, here, above = (problem.at(one)[0] / scale for one in weights)
-            columns = np.stack([np.gradient(here, axis=1), here]).reshape(2, -1)
-            square = algebra.product(columns, columns.T)
-            change = algebra.product(columns, (above - below).ravel() / 2)
-            shifts[axis] = -np.linalg.solve(square, change)[0]
-        return shifts
+            columns = np.stack([-np.gradient(here, axis=1), here]).reshape(2, -1)
+            (a, b), (_, c) = algebra.product(columns, columns.T)
+            u, v = algebra.product(columns, (above - below).ravel() / 2)
+            found[:, axis] = np.array([c * u - b * v, a * v - b * u]) / (
+                a * c - b * b
+            )
+        return found
 
     @cached_property
     def _scaling(self) -> np.ndarray:
         """(k,) changes of the scalars by which all values rise by a factor e: of common factors, or else of the load."""
         direction, axes = self._common.astype(float), self.problem.unknowns.axes
         if LOAD in axes and not direction.any():  # the last axis
-            last = axes[LOAD].size - 1
-            ends = np.tile(self.problem.unknowns.nodes.mean(axis=0), (2, 1))
-            ends[:, -1] = 0, last
-            weights = self.problem.unknowns.weights(ends)
-            sums = algebra.product(weights, self.problem.matrices.sum(axis=(1, 2)))
-            rise = np.log(sums[1] / sums[0])
-            direction[len(axes) - 1] = last / rise
+            direction[len(axes) - 1] = 1.0 / self._responses[1, len(axes) - 1]
         return direction
 
     def _exchanged(self) -> None:
@@ -392,7 +389,7 @@ class Chain:
         steps *= one | (kind <= 0.4)[:, None]
         steps *= rng.choice(STEPS, size=(count, 1)) + longer
         # a density shifts by whole nodes
-        nodes = algebra.product(steps, self._shifts)
+        nodes = algebra.product(steps, self._responses[0])
         whole = np.rint(nodes) * (rng.random(count) < SHIFTED)
         there = whole != 0
         steps[there] *= (whole[there] / nodes[there])[:, None]

@@ -6,8 +6,9 @@
 Four curves of 25 points (50 and 150 nN, 300 and 350 K, errors of 3 % and 0.2 nN). `mixing` infers a normal density with
 each scalar and each two, and prints R-hat and effective samples. `ranks` draws densities, scalars and errors from the
 prior, measures them with a forward model at those scalars, which is not interpolated, and prints the ranks of the true
-scalars among the samples and their p of Kolmogorov and Smirnov (Talts et al., arXiv:1804.06788). Its sites are 16 times
-as many, each with a 16th of the force: of 156, five per cent come into contact at once as the load rises.
+scalars among the samples and their p of Kolmogorov and Smirnov (Talts et al., arXiv:1804.06788), and how many cases
+`infer` would call not converged, which count as well. Its sites are 16 times as many, each with a 16th of the force: of
+156, five per cent come into contact at once as the load rises.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from chemage_inference.forward import check_scene, make_model
 from chemage_inference.infer import calibrations
 from chemage_inference.noise import ErrorModel, State
 from chemage_inference.problem import LOAD, UNITS, Prior, unknowns_of
+from chemage_inference.result import APART, FEW
 
 TIMES = np.logspace(-3, 5, 25)
 CONDITIONS = [(load, kelvin) for load in (50.0, 150.0) for kelvin in (300.0, 350.0)]
@@ -90,6 +92,7 @@ def ranks(names: list[str], cases: int, first: int) -> None:
     scene = ca.parse_scene(ca.plugin.override(SCENE, changes | {"chemistry.site_density": "78.4 nm**-2"})).completed()
     chemistry, curves = check_scene(scene), tuple(measured(1))
     unknowns, found = unknowns_of(given["unknown"], chemistry, load), {}
+    apart: list[int] = []
     sampling.CHAINS = 2
     with scene.in_use():
         model = make_model(
@@ -120,6 +123,7 @@ def ranks(names: list[str], cases: int, first: int) -> None:
             samples = sampling.sample(
                 problem, density, samples=200, seed=number, watched=model.seen(), sweeps=1500, threads=1
             )
+            apart += [number] if samples.r_hat > APART or samples.effective < FEW else []
             true = {**values, "load": over, "bond_force": np.exp(log)}
             drawn = unknowns.values(samples.positions)
             drawn |= {"bond_force": samples.factors}
@@ -136,7 +140,7 @@ def ranks(names: list[str], cases: int, first: int) -> None:
                 for name, each in found.items()
             }
             if number % 5 == 4:
-                print(number + 1, f"R-hat {samples.r_hat:.3f}", shown, flush=True)
+                print(number + 1, f"R-hat {samples.r_hat:.3f}, not converged: {apart}", shown, flush=True)
 
 
 def main() -> None:

@@ -185,6 +185,18 @@ def test_an_inference_written_alone_is_shown_too(command, folder):
     assert (shown["points"], shown["forecasts"], shown["experiments"]) == (made_inference().hold_times.size, [], [])
 
 
+@pytest.mark.parametrize(
+    ("effective", "r_hat", "converged"), [(800, 1.01, True), (800, 1.06, False), (99, 1.01, False)]
+)
+def test_only_bands_of_chains_that_agree_are_called_intervals(command, folder, effective, r_hat, converged):
+    sampling = {"effective_samples": float(effective), "r_hat": r_hat, "cpu_seconds": 3.2}
+    ca.write("alone.h5", made_inference(diagnostics=sampling))
+    text = " ".join(command("show", "alone.h5").out.split())
+    assert ("90 % intervals" in text) is converged
+    assert ("bands of the posterior: they contain" in text) is converged
+    assert ("chains have not converged" in text) is not converged
+
+
 def test_nothing_is_overwritten(command, folder, made_up):
     for name in ("tip-inferred.h5", "other.h5"):
         Path(name).write_text("mine")
