@@ -255,12 +255,8 @@ class Closure(AgeingMethod):
             effective = np.pad(effective, ((0, 0), (0, len(BEYOND)), (0, 0)))
         sites = present, effective, independent, largest
         bonds, absolute = _changed(part, change, np.abs(error), *sites)
-        beyond = np.log10(np.maximum(request.hold_times, setting.times[-1]))
-        beyond -= setting.decades[1]
+        beyond, before = _settled(setting, request.hold_times, tabulated[0])
         if beyond.any():
-            # the change in the last decade may go on
-            earlier = np.minimum(request.hold_times, setting.times[-1] / 10)
-            before = _in_time(setting, earlier, tabulated[0])
             drift = bonds - _changed(part, before, np.abs(error), *sites)[0]
             absolute = np.hypot(absolute, drift * beyond)
         return bonds, absolute, notes, took
@@ -344,6 +340,16 @@ def _changed(
     return bonds, np.sqrt(
         table**2 + np.hypot(RIM_ERROR * rim, UNEVEN_ERROR * uneven) ** 2
     )
+
+
+def _settled(
+    setting: _table.Setting, hold_times: np.ndarray, change: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The decades of the hold times after the table, (m,), in which the change of its last one may go on; what was there
+    before that decade."""
+    beyond = np.log10(np.maximum(hold_times, setting.times[-1]))
+    earlier = np.minimum(hold_times, setting.times[-1] / 10)
+    return beyond - setting.decades[1], _in_time(setting, earlier, change)
 
 
 def _in_time(

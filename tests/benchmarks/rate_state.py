@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from chemage_rate_state.display import TOLD
 from chemage_rate_state.fit import fit_rate_state
 from chemage_rate_state.laws import LAWS, Loading, Parameters, change
 from chemage_rate_state.traces import Trace
@@ -74,16 +75,20 @@ def coverage(cases: int, seed: int) -> None:
 
 
 def rivals(cases: int) -> None:
-    """How often the other law fits worse, and is refused."""
-    better = refused = 0
+    """How often the other law fits worse, is refused, and is told from the right one by the difference that is asked."""
+    better = refused = told = wrongly = 0
     for number in range(cases):
         rng, law = np.random.default_rng([7, number]), LAWS[number % 2]
         trace, _ = synthetic(rng, law)
         true, other = (fit_rate_state(trace, one) for one in (law, LAWS[1 - number % 2]))
-        better += true.misfit < other.misfit
+        away = other.misfit - true.misfit
+        better += away > 0
+        told += away >= TOLD
+        wrongly += away <= -TOLD
         refused += not other.explains
-        print(number, law, f"{other.misfit - true.misfit:.1f}", f"p {other.probability:.2g}", flush=True)
-    print(f"of {cases}: right law better {better}, other law refused {refused}")
+        print(number, law, f"{away:.1f}", f"p {other.probability:.2g}", flush=True)
+    print(f"of {cases}: right law better {better}, other law refused {refused},", end=" ")
+    print(f"told apart by {TOLD:g}: rightly {told}, wrongly {wrongly}")
 
 
 def forward(folder: str) -> None:
