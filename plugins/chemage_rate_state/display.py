@@ -188,8 +188,9 @@ class RenewalDisplay(Result):
         }
 
     def _drawn(self, axes: Axes, medium: Any = None) -> None:
-        for curve in self.curves():
-            axes.plot(curve.x, curve.mean, label=curve.label)
+        # dashed, as both are equal where a surface slides on a flat one
+        for curve, style in zip(self.curves(), ("-", "--"), strict=True):
+            axes.plot(curve.x, curve.mean, style, label=curve.label)
             low, high = curve.mean - curve.half_width, curve.mean + curve.half_width
             axes.fill_between(curve.x, low, high, alpha=0.2)
         axes.set(xlabel="slip (nm)", ylabel="share", ylim=(0, 1.02), xlim=(0, None))
