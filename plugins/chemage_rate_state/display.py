@@ -227,16 +227,15 @@ class RenewalsDisplay(Result):
         return [("points", f"{len(self.points)}, mean chords from {ends}")]
 
     def quantities(self) -> list[Quantity]:
+        from scipy.stats import linregress
+
         ratio = RATIO.of_replicas(self.lengths / self.chords)
         freedom = self.chords.size - 2
         if freedom < 1 or not np.ptp(self.chords):
             return [ratio]
-        logs = np.log(self.chords), np.log(self.lengths)
-        (power, _), covariance = np.polyfit(*logs, 1, cov="unscaled")
-        left = np.polyval(np.polyfit(*logs, 1), logs[0]) - logs[1]
-        error = float(np.sqrt(covariance[0, 0] * (left**2).sum() / freedom))
-        half = statistics.student_limit(freedom) * error
-        return [POWER.but(value=float(power)).between(half, error), ratio]
+        line: Any = linregress(np.log(self.chords), np.log(self.lengths))
+        half = statistics.student_limit(freedom) * line.stderr
+        return [POWER.but(value=line.slope).between(half, line.stderr), ratio]
 
     def tables(self) -> list[Table]:
         """A line for each point."""
