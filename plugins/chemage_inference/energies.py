@@ -136,18 +136,20 @@ def bonded_probability(
     barriers = np.array([np.inf])
     if chemistry.breaking is not None:
         barriers = chemistry.breaking.quantile((np.arange(RANKS) + 0.5) / RANKS)
+    barriers = np.maximum(barriers, 0.0)
     different, counts = np.unique(barriers, return_counts=True)
     passed = np.asarray(times, dtype=np.float64)[:, None]
     forming = chemistry.rates(energies, temperature)
     bonded = np.zeros((passed.size, forming.size))
-    for barrier, count in zip(different, counts, strict=True):
+    shares = counts / barriers.size
+    for barrier, share in zip(different[::-1], shares[::-1], strict=True):
         sites = TwoState(forming, chemistry.rates(barrier, temperature))
-        share = sites.bonded(passed)
+        relaxed = sites.relaxed(passed)
+        bonded += share * sites.equilibrium * relaxed
         if before is not None:
             kelvin, span = before
             rates = (chemistry.rates(one, kelvin) for one in (energies, barrier))
-            share += TwoState(*rates).bonded(span) * (1 - sites.relaxed(passed))
-        bonded += count / barriers.size * share
+            bonded += share * TwoState(*rates).bonded(span) * (1 - relaxed)
     return bonded
 
 
