@@ -136,6 +136,28 @@ def along_times(state: State) -> dict[str, np.ndarray]:
     }
 
 
+def numbers(
+    one: StepOutcome, contact: ContactSolution, kelvin: float
+) -> dict[str, Any]:
+    """What is recorded of a step, which ends on this contact; ``kelvin``: temperature where it has none."""
+    segment = one.segment
+    return {
+        "bonds": one.bonds,
+        "force": one.force,
+        "slider": one.slider,
+        "temperature": segment.along("temperature", segment.times, kelvin),
+        "step_points": segment.times.size,
+        "step_load": contact.load,
+        "step_area": contact.area,
+        "step_speed": segment.last.speed,
+        "step_peak": one.peak,
+        "step_peak_at": one.peak_at,
+        "step_work": one.work,
+        "step_lost": one.lost,
+        "step_old": one.old,
+    }
+
+
 def last_force(segment: Segment, solver: ContactSolver, surface: Any) -> float:
     """The load at the end of a step, nN."""
     force = solver.normal_force(segment.last.load, surface)
@@ -379,32 +401,14 @@ class Programme(AgeingMethod):
                 parts.append(state)
                 made.append((state.plugins, state.approximate))
                 notes |= dict.fromkeys(state.notes)
-            contact, state = each[-1][0], parts[-1]
+            state = parts[-1]
             if segment.contacts:
                 state = state.of_parts(parts)
             old = np.count_nonzero(state.state & there)
             one = StepOutcome.of(segment, state, lost=lost, old=int(old))
             steps.append(one)
-            rows.append(
-                {
-                    **along_times(state),
-                    "bonds": one.bonds,
-                    "force": one.force,
-                    "slider": one.slider,
-                    "temperature": segment.along(
-                        "temperature", segment.times, kelvin
-                    ),
-                    "step_points": segment.times.size,
-                    "step_load": contact.load,
-                    "step_area": contact.area,
-                    "step_speed": segment.last.speed,
-                    "step_peak": one.peak,
-                    "step_peak_at": one.peak_at,
-                    "step_work": one.work,
-                    "step_lost": one.lost,
-                    "step_old": one.old,
-                }
-            )
+            own = numbers(one, each[-1][0], kelvin)
+            rows.append(along_times(state) | own)
         assert state is not None
         values: dict[str, Any] = {
             name: np.hstack([row[name] for row in rows])

@@ -203,7 +203,7 @@ class Creep(Protocol):
         return [
             HistoryStep(duration=span, hardness_ratio=ratio, points=4)
             for span, ratio in zip(
-                np.diff(self.onset * np.expm1(ends)),
+                np.diff(self.onset * np.exp(ends)),
                 1.0 / (1.0 + self.rate * middles),
                 strict=True,
             )
