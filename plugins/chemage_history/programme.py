@@ -404,11 +404,10 @@ class Programme(AgeingMethod):
             state = parts[-1]
             if segment.contacts:
                 state = state.of_parts(parts)
-            old = np.count_nonzero(state.state & there)
-            one = StepOutcome.of(segment, state, lost=lost, old=int(old))
+            old = int(np.count_nonzero(state.state & there))
+            one = StepOutcome.of(segment, state, lost=lost, old=old)
             steps.append(one)
-            own = numbers(one, each[-1][0], kelvin)
-            rows.append(along_times(state) | own)
+            rows.append(along_times(state) | numbers(one, each[-1][0], kelvin))
         assert state is not None
         values: dict[str, Any] = {
             name: np.hstack([row[name] for row in rows])
