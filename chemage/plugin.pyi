@@ -119,7 +119,7 @@ from chemage.ageing.covariance import correlated_errors as correlated_errors
 from chemage.kinetics.history import counters_of as counters_of
 from chemage.results import decisions as decisions
 from chemage.foundation.result import displays as displays
-from chemage.foundation.result import drawn_picture as drawn_picture
+from chemage.results import drawing as drawing
 from chemage.foundation import figures as figures
 from chemage.foundation.records import file_hash as file_hash
 from chemage.foundation.files import file_stamp as file_stamp

@@ -59,7 +59,7 @@ NAMES = {
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
     "foundation.files": "FileStamp file_stamp fresh_file open_file preflight regular_file write_file",
-    "foundation.result": "Ageing OfRecord Panel Picture Result Table displays drawn_picture result_of",
+    "foundation.result": "Ageing OfRecord Panel Picture Result Table displays result_of",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume array_in convert",
     "friction.pulling": "Drive Partners PullHistory Pulling partners_of pull pulling",
@@ -99,6 +99,7 @@ MODULES = {
     "algebra": "foundation.algebra",
     "completion": "cli.completion",
     "decisions": "results.decisions",
+    "drawing": "results.drawing",
     "container": "foundation.container",
     "options": "cli.options",
     "output": "cli.output",

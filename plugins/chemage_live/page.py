@@ -23,7 +23,7 @@ from matplotlib.colors import to_hex
 
 from chemage import ChemageError, InputError, errors, read_measurements
 from chemage.plugin import (
-    drawn_picture,
+    drawing,
     figures,
     override,
     scene_data,
@@ -183,6 +183,7 @@ class Page:
                 text=state["table"], name="table", min_width=280, sizing_mode=_WIDE
             ),
             "pictures": widgets.Div(
+                name="pictures",
                 stylesheets=["img {max-width: 100%; height: auto}"],
                 sizing_mode=_WIDE,
             ),
@@ -260,10 +261,8 @@ class Page:
     def _drawn(self) -> str:
         """All pictures of the first scene, as they are printed."""
         with self._lock:
-            pictures = self.models[0].shown.pictures().items()
-            return "".join(
-                figures.png(drawn_picture(one), name) for name, one in pictures
-            )
+            drawn = drawing.figures(self.models[0].last).items()
+            return "".join(figures.png(one, name) for name, one in drawn)
 
     def measured(self, view: Mapping[str, Any]) -> None:
         """Draw the points of the table in ``view["measured"]``, or say what is wrong with it."""

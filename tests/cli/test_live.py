@@ -158,6 +158,7 @@ def test_a_server_tells_the_whole_when_the_slider_rests(served, browser):
     expected = cells("silica-tip", **{"contact.load": "80 nN", "hold.replicas": 60})
     browser.wait(f"Bokeh.documents[0].get_model_by_name('table').text == {expected!r}")
     assert browser.evaluate("Bokeh.documents[0].get_model_by_name('words').text") == ""
+    browser.wait("Bokeh.documents[0].get_model_by_name('pictures').text.includes('alt=\"barriers\"')")
 
 
 def test_it_is_found_on_this_machine_alone_by_who_knows_the_address(served):
