@@ -36,7 +36,7 @@ from chemage.ageing.fitting import fit_aging as fit_aging
 from chemage_rate_state.fit import fit_rate_state as fit_rate_state
 from chemage.foundation.checks import hold_times as hold_times
 from chemage_inference.infer import infer as infer
-from chemage_live.page import live as live
+from chemage_live.page import Page as live
 from chemage.scene.files import load_scene as load_scene
 from chemage.studies.sweeps.result import load_sweep as load_sweep
 from chemage.surfaces.role import make_surface as make_surface

@@ -10,7 +10,7 @@ from chemage.plugin import hookimpl
 @hookimpl
 def chemage_names() -> dict[str, str]:
     """What users import from ``chemage``."""
-    return {"live": "chemage_live.page:live"}
+    return {"live": "chemage_live.page:Page"}
 
 
 @hookimpl

@@ -20,8 +20,8 @@ def live(
         list[str] | None,
         typer.Option(
             metavar="PATH[=LOW,HIGH]",
-            help='an option to move, such as "contact.load=5 nN, 500 nN"; may be repeated; default: load, temperature '
-            "and lengths of the surface",
+            help='an option to move, such as "contact.load=5 nN, 500 nN"; may be repeated; default: load, temperature, '
+            "radius and rms slope",
         ),
     ] = None,
     changes: options.SetOpt = None,
@@ -53,10 +53,7 @@ def live(
 
     The page is served to this machine alone, at a secret address.
     """
-    from chemage import errors
-
-    errors.optional_module("bokeh", "live")
-    from chemage_live.page import Live, Page
+    from chemage_live.page import Page
 
     if out is not None:
         options.check_ending(out, (".html",), "a page")
@@ -64,8 +61,8 @@ def live(
     page = Page(
         scene,
         beside,
-        slide or (),
-        options.changed_fields(changes),
+        slide=slide or (),
+        changes=options.changed_fields(changes),
         equal_pressure=equal_pressure,
         in_file=out is not None,
     )
@@ -75,8 +72,8 @@ def live(
         write_file(out, text, force=force)
         output.say(f"page     {out}")
         return
-    served = Live(page, port)
-    output.say(f"{served.url}\nCtrl-C ends it.")
+    page.serve(port)
+    output.say(f"{page.url}\nCtrl-C ends it.")
     if browser:
-        typer.launch(served.url)
-    served.thread.join()
+        typer.launch(page.url)
+    page.thread.join()

@@ -84,13 +84,9 @@ class LiveScene:
     def columns(self) -> dict[str, Any]:
         """The curve with both ends of its intervals."""
         curve = self.curve
-        drawn = curve.x > 0
         half = np.nan_to_num(curve.half_width) if curve.half_width.size else 0.0
-        ends = {"y": 0.0, "low": -half, "high": half}
-        return {"x": curve.x[drawn]} | {
-            name: (curve.mean + shift)[drawn].astype(np.float32)
-            for name, shift in ends.items()
-        }
+        ends = {"low": curve.mean - half, "high": curve.mean + half}
+        return {"x": curve.x, "y": curve.mean, **ends}
 
     def pressure(self, most: int) -> dict[str, Any] | None:
         """The map of pressure, the largest in each of ``most`` blocks along a side; nan where there is no contact. None:

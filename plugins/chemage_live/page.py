@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import tomli_w
 from jinja2 import Template
@@ -39,6 +39,7 @@ REST = 0.4
 MOST_STATES, MOST_BYTES = 2000, 5_000_000
 #: on a server, and in a file: values of a slider, and pixels along a side of a map
 ON_SERVER, IN_FILE = (41, 128), (7, 48)
+HOST = "127.0.0.1"
 #: so that it is as wide as a phone
 _TEMPLATE = Template(
     "{% extends base %}{% block preamble %}"
@@ -68,18 +69,44 @@ _WIDE = "stretch_width"
 
 
 class Page:
-    """Scenes, their sliders, and how they are laid out."""
+    """A page with a scene's options on sliders. A notebook shows it; :meth:`serve` and :meth:`html` give it to browsers.
+
+    Parameters
+    ----------
+    scene
+        A scene file, the name of an installed scene, or plain data.
+    beside
+        Another scene, whose options of the same names follow the same sliders.
+    slide
+        Options to move, each ``"PATH"`` or ``"PATH=LOW, HIGH"``; default: load, temperature, radius and rms slope.
+    changes
+        Of the scene: dotted path -> value.
+    equal_pressure
+        Whether ``beside`` is pressed to the same mean contact pressure, instead of with the same load.
+    in_file
+        Whether sliders have as few values as one file holds.
+
+    Raises
+    ------
+    InputError
+        An option is no number of the scene.
+    MissingError
+        bokeh is not installed: ``pip install 'chemage[live]'``.
+    """
+
+    loop: Any
 
     def __init__(
         self,
         scene: str | Path | Mapping[str, Any],
         beside: str | Path | None = None,
+        *,
         slide: Sequence[str] = (),
         changes: Mapping[str, Any] | None = None,
-        *,
         equal_pressure: bool = False,
         in_file: bool = False,
     ) -> None:
+        errors.optional_module("bokeh", "live")
         count, self.map_pixels = IN_FILE if in_file else ON_SERVER
         self.where = "scene.toml" if isinstance(scene, Mapping) else str(scene)
         data = scene if isinstance(scene, Mapping) else scene_data(scene)[0]
@@ -94,6 +121,8 @@ class Page:
         self.command = f"chemage run {self.where}"
         for path, value in (changes or {}).items():
             self.command += f" --set '{path}={value}'"
+        #: where it is served
+        self.url = ""
         #: the places of the scene's own values
         self.starts = [slider.start for slider in self.sliders]
         # of the pages that are open, one computes
@@ -287,6 +316,54 @@ class Page:
         ends = {"low": shown.values - error, "high": shown.values + error}
         view["points"].data = {"x": shown.hold_times, "y": shown.values, **ends}
 
+    def serve(self, port: int = 0) -> Self:
+        """Serve it from now on, to this machine alone, at the secret address ``url``.
+
+        Raises
+        ------
+        InputError
+            The port is taken, or the scene ages nothing.
+        """
+        from bokeh.document import Document
+        from bokeh.server.server import Server
+        from tornado.ioloop import IOLoop
+
+        with socket.socket() as probe:
+            try:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind((HOST, port))
+            except OSError as error:
+                problem = f"is not free ({error.strerror})"
+                remedy = "choose another, or 0 for any"
+                raise InputError.of("port", port, problem, remedy) from None
+        # what is wrong with the scene is said here, not in the browser
+        self.fill(Document(), self.state(self.starts, quick=True))
+        where = f"/{secrets.token_urlsafe(16)}"
+        started: Future[Any] = Future()
+
+        def serve() -> None:
+            self.loop = IOLoop()
+            pages = {where: self.follow}
+            how: Any = {"address": HOST, "port": port, "use_index": False}
+            server = Server(pages, io_loop=self.loop, **how)
+            server.start()
+            started.set_result(server.port)
+            self.loop.start()
+
+        self.thread = threading.Thread(target=serve, daemon=True)
+        self.thread.start()
+        self.url = f"http://localhost:{started.result()}{where}"
+        return self
+
+    def stop(self) -> None:
+        """Serve no longer."""
+        self.loop.add_callback(self.loop.stop)
+        self.thread.join()
+
+    def _repr_html_(self) -> str:
+        url = self.url or self.serve().url
+        return f'<iframe src="{url}" style="width: 100%; height: 900px; border: 0"></iframe>'
+
     def html(self, report: Callable[[int, int], None] = lambda *_: None) -> str:
         """One HTML text with the results at all places, which needs no server.
 
@@ -360,91 +437,3 @@ def _compute(moves: Any, tell: Callable[[Sequence[int], bool], None]) -> None:
             quick = True
         except queue.Empty:
             quick = False
-
-
-class Live:
-    """A page that this process serves to this machine alone, at a secret address.
-
-    In a notebook it shows itself.
-    """
-
-    loop: Any
-
-    def __init__(self, page: Page, port: int = 0) -> None:
-        from bokeh.document import Document
-        from bokeh.server.server import Server
-        from tornado.ioloop import IOLoop
-
-        with socket.socket() as probe:
-            try:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind(("127.0.0.1", port))
-            except OSError as error:
-                problem = f"is not free ({error.strerror})"
-                remedy = "choose another, or 0 for any"
-                raise InputError.of("port", port, problem, remedy) from None
-        # what is wrong with the scene is said here, not in the browser
-        page.fill(Document(), page.state(page.starts, quick=True))
-        where = f"/{secrets.token_urlsafe(16)}"
-        started: Future[str] = Future()
-
-        def serve() -> None:
-            self.loop = IOLoop()
-            server = Server(
-                {where: page.follow},
-                io_loop=self.loop,
-                address="127.0.0.1",
-                port=port,
-                use_index=False,
-            )
-            server.start()
-            started.set_result(f"http://localhost:{server.port}{where}")
-            self.loop.start()
-
-        self.thread = threading.Thread(target=serve, daemon=True)
-        self.thread.start()
-        self.url = started.result()
-
-    def stop(self) -> None:
-        """Serve no longer."""
-        self.loop.add_callback(self.loop.stop)
-        self.thread.join()
-
-    def _repr_html_(self) -> str:
-        return f'<iframe src="{self.url}" style="width: 100%; height: 900px; border: 0"></iframe>'
-
-
-def live(
-    scene: str | Path | Mapping[str, Any],
-    beside: str | Path | None = None,
-    *,
-    slide: Sequence[str] = (),
-    equal_pressure: bool = False,
-    port: int = 0,
-) -> Live:
-    """Serve a page with a scene's options on sliders, and return it; a notebook shows it.
-
-    Parameters
-    ----------
-    scene
-        A scene file, the name of an installed scene, or plain data.
-    beside
-        Another scene, whose options of the same names follow the same sliders.
-    slide
-        Options to move, each ``"PATH"`` or ``"PATH=LOW, HIGH"``; default: load, temperature and lengths of
-        the surface.
-    equal_pressure
-        Whether ``beside`` is pressed to the same mean contact pressure, instead of with the same load.
-    port
-        0: any that is free.
-
-    Raises
-    ------
-    InputError
-        An option is no number of the scene, it ages nothing, or the port is taken.
-    MissingError
-        bokeh is not installed: ``pip install 'chemage[live]'``.
-    """
-    errors.optional_module("bokeh", "live")
-    page = Page(scene, beside, slide, equal_pressure=equal_pressure)
-    return Live(page, port)

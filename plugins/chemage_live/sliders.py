@@ -13,8 +13,8 @@ from chemage.plugin import convert, meanings, registry
 
 #: the ends of a slider are this many times below and above the value of the scene; of temperatures, the second
 SPAN, WARMTH = 5.0, 1.3
-#: moved where nothing is said, with the lengths of the surface, as far as the scene has them
-FIRST = ("contact.load", "hold.temperature")
+#: moved where nothing is said, as far as the scene has them
+FIRST = ("contact.load", "hold.temperature", "surface.radius", "surface.rms_slope")
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Control:
 def sliders_of(
     data: Mapping[str, Any], asked: Sequence[str], count: int
 ) -> list[Control]:
-    """The sliders of a scene: those ``asked`` for (``PATH`` or ``PATH=LOW, HIGH``), else load, temperature and lengths of
-    the surface. ``count`` values each, and the scene's own.
+    """The sliders of a scene: those ``asked`` for (``PATH`` or ``PATH=LOW, HIGH``), else :data:`FIRST`. ``count``
+    values each, and the scene's own.
 
     Raises
     ------
@@ -43,14 +43,7 @@ def sliders_of(
         A path is no number of the scene, or a range is none.
     """
     scene = parse_scene(data)
-    lengths = [
-        f"surface.{name}"
-        for name in data.get("surface", {})
-        if name != "pixel_size" and scene.unit(f"surface.{name}") == "nm"
-    ]
-    found = [
-        path for path in (*FIRST, *lengths) if _number(scene, path) is not None
-    ]
+    found = [path for path in FIRST if _number(scene, path) is not None]
     return [_slider(scene, text, count) for text in asked or found]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from chemage_live.page import Live, Page
+from chemage_live.page import Page
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
 from conftest import Browser, chromium
@@ -41,7 +41,7 @@ def main():
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         for scene, changes in SCENES.items():
-            live = Live(Page(scene, slide=["contact.load"], changes=changes))
+            live = Page(scene, slide=["contact.load"], changes=changes).serve()
             browser = Browser(chromium(), Path(folder) / scene)
             browser.open(live.url, 1280)
             browser.wait("Bokeh.documents[0]?.is_idle")

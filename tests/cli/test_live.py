@@ -14,7 +14,7 @@ from bokeh.document import Document
 import chemage as ca
 from chemage.plugin import override, result_of, scene_data, statistics
 from chemage_live.model import LiveScene, table
-from chemage_live.page import Live, Page
+from chemage_live.page import Page
 from chemage_live.sliders import sliders_of
 
 #: small, and quick to age
@@ -98,7 +98,7 @@ def test_a_scene_that_is_refused_keeps_what_there_is():
 @pytest.mark.parametrize("equal_pressure", [False, True])
 def test_another_scene_follows_at_equal_load_or_equal_mean_pressure(equal_pressure):
     rough = "silica-patch"
-    page = Page("silica-tip", rough, [SLIDE], FEW, equal_pressure=equal_pressure, in_file=True)
+    page = Page("silica-tip", rough, slide=[SLIDE], changes=FEW, equal_pressure=equal_pressure, in_file=True)
     page.models[1].data["hold"]["replicas"] = 2
     page.state([0])
     first, second = (model.last.contact for model in page.models)
@@ -145,7 +145,7 @@ FOCUSED = """(() => {
 
 @pytest.fixture(scope="module")
 def served():
-    live = Live(Page("silica-tip", slide=[SLIDE], changes=FEW | {"hold.replicas": 60}))
+    live = Page("silica-tip", slide=[SLIDE], changes=FEW | {"hold.replicas": 60}).serve()
     yield live
     live.stop()
 
@@ -233,7 +233,10 @@ def test_a_scene_without_ageing_has_nothing_to_play_with():
 
 def test_a_notebook_shows_it():
     live = ca.live("silica-tip", slide=[SLIDE])
-    assert live.url in live._repr_html_()
+    shown = live._repr_html_()
+    assert f'src="{live.url}"' in shown
+    assert live.url.startswith("http://localhost:")
+    assert live._repr_html_() == shown
     live.stop()
     live.thread.join(20)
     assert not live.thread.is_alive()
