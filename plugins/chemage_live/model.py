@@ -13,7 +13,7 @@ from chemage.plugin import Curve, Result, figures, override, result_of, text
 from chemage_live.sliders import Control
 
 #: while a slider moves: pixels along a side, and sites times replicas, at most
-PIXELS, SITES = 512, 4000
+PIXELS, SITES = 512, 1200
 
 
 class LiveScene:

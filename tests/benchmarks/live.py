@@ -45,6 +45,8 @@ def main():
             browser = Browser(chromium(), Path(folder) / scene)
             browser.open(live.url, 1280)
             browser.wait("Bokeh.documents[0]?.is_idle")
+            # what the browser tells of each message would be kept here
+            browser.call("Network.disable")
 
             def moved(count, browser=browser, scene=scene):
                 return [

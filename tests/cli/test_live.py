@@ -67,7 +67,7 @@ def test_numbers_are_those_of_a_run_and_less_is_said_while_moving(page):
     assert model.at([place], quick=True) == ""
     sites = model.last.aging.sites.mean()
     less = model.at([place], quick=True)
-    assert less == f"{int(4000 / sites)} of 200 replicas"
+    assert less == f"{int(1200 / sites)} of 200 replicas"
     assert model.at([place]) == ""
 
 
