@@ -36,9 +36,9 @@ from chemage_live.sliders import sliders_of
 #: seconds without a move, after which everything is computed
 REST = 0.4
 #: results and bytes of a file, at most
-MOST_STATES, MOST_BYTES = 2000, 5_000_000
+MOST_STATES, MOST_BYTES = 400, 5_000_000
 #: on a server, and in a file: values of a slider, and pixels along a side of a map
-ON_SERVER, IN_FILE = (41, 128), (7, 48)
+ON_SERVER, IN_FILE = (41, 128), (5, 24)
 HOST = "127.0.0.1"
 #: so that it is as wide as a phone
 _TEMPLATE = Template(
