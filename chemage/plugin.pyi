@@ -131,7 +131,6 @@ from chemage.foundation.kernels import kernel as kernel
 from chemage.contacts.patches import label_patches as label_patches
 from chemage.plugins.hooks import lazy_attributes as lazy_attributes
 from chemage.foundation import looks as looks
-from chemage.foundation.checks import meanings as meanings
 from chemage.foundation import memory as memory
 from chemage.foundation.errors import nearest as nearest
 from chemage.foundation.files import open_file as open_file
@@ -165,5 +164,6 @@ from chemage.foundation import text as text
 from chemage.contacts import theory as theory
 from chemage.foundation import threads as threads
 from chemage.foundation import units as units
+from chemage.scene.files import value_at as value_at
 from chemage.scene.provenance import versions as versions
 from chemage.foundation.files import write_file as write_file

@@ -28,7 +28,7 @@ ABSENT = {
         "dieterich",
         "slip",
         "stick",
-    ): ("sliding is a pull, or the [[step]]s of a scene"),
+    ): "sliding is a pull, or the [[step]]s of a scene",
     ("heating", "cooling", "ramp", "anneal", "temperature_pro"): (
         "the temperature is constant during a hold; [[step]] changes it, and a sweep over hold.temperature compares several"
     ),

@@ -31,7 +31,7 @@ NAMES = {
     "results.arrhenius": "ActivationEnergy Arrhenius arrhenius",
     "ageing.fitting": "FIT_WINDOW Fit fit_aging",
     "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
-    "meanings temperature_value",
+    "temperature_value",
     "ageing.columns": "read_columns",
     "ageing.covariance": "correlated_errors",
     "ageing.measurements": "Measurements read_measurements read_table",
@@ -49,7 +49,7 @@ NAMES = {
     "scene.plan": "plan",
     "scene.run": "Run aging_of contact_of run surface_of",
     "scene.scene": "Scene",
-    "scene.files": "load_scene override parse_scene scene_data",
+    "scene.files": "load_scene override parse_scene scene_data value_at",
     "foundation.kernels": "kernel",
     "foundation.machine": "cache_folder",
     "foundation.outputs": "Output record",

@@ -27,6 +27,7 @@ from chemage.foundation.result import (
     result_of,
 )
 from chemage.plugins import registry
+from chemage.scene.files import value_at
 from chemage.scene.provenance import scatter_of
 from chemage.scene.run import Run
 from chemage.scene.scene import heading
@@ -55,7 +56,7 @@ def published(scene: Fields) -> list[PublishedRate]:
         try:
             for where, beta, source in function() or ():
                 if where and all(
-                    _same(_value(scene, path), value)
+                    _same(value_at(scene, path), value)
                     for path, value in where.items()
                 ):
                     values.append(PublishedRate(float(beta), str(source)))
@@ -89,13 +90,6 @@ def draw_published(axes: Axes, scene: Fields, fit: Fit | None) -> None:
             zorder=4,
             label=label,
         )
-
-
-def _value(scene: Fields, path: str) -> Any:
-    place: Any = scene
-    for name in path.split("."):
-        place = place.get(name) if isinstance(place, Mapping) else None
-    return place
 
 
 def _same(values: Any, expected: Any) -> bool:

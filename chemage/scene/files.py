@@ -516,6 +516,14 @@ def _roles(annotation: Any) -> Iterator[str]:
         yield from _roles(part)
 
 
+def value_at(data: Fields, path: str) -> Any:
+    """The value at a dotted path of scene data; None where there is none."""
+    place: Any = data
+    for name in path.split("."):
+        place = place.get(name) if isinstance(place, Mapping) else None
+    return place
+
+
 def override(data: Fields, changes: Fields) -> Data:
     """A copy of scene data with dotted paths set: ``{"surface.rms_slope": 0.2}``; ``None`` removes what is there.
 

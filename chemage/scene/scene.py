@@ -30,7 +30,7 @@ from chemage.contacts.options import force_text
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.search import SoughtLoad
 from chemage.foundation.aliases import Data, Fields
-from chemage.foundation.checks import Frozen, check_times, hold_times
+from chemage.foundation.checks import Frozen, check_times, hold_times, meanings
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError, InputError, shown
 from chemage.foundation.records import content_hash
@@ -40,7 +40,7 @@ from chemage.kinetics.role import Engine
 from chemage.lattices.chemistry import Chemistry
 from chemage.lattices.site_grid import site_rule, site_shape
 from chemage.plugins import context, registry
-from chemage.plugins.hooks import KEYS
+from chemage.plugins.hooks import KEYS, Beside
 from chemage.plugins.options import PluginOptions, joined
 from chemage.plugins.sources import implementing, nested, providers, stage_hooks
 from chemage.scene.materials import MaterialValue
@@ -329,17 +329,22 @@ class Scene(Section):
 
     def unit(self, path: str) -> str:
         """The unit of the option at ``path``, such as ``contact.load``; "" where it is no quantity."""
-        for stage in registry.stages():
-            if path in stage.entries:
-                return stage.entries[path].unit
-        section, _, option = path.rpartition(".")
+        if (entry := _entry(path)) is not None:
+            return entry.unit
+        return units_of(self._owner(path)).get(path.rpartition(".")[2], "")
+
+    def meaning(self, path: str) -> str:
+        """What the option at ``path`` is, as it is declared; "" where that is not said."""
+        if (entry := _entry(path)) is not None:
+            return str(entry.schema.get("description", ""))
+        return meanings(self._owner(path)).get(path.rpartition(".")[2], "")
+
+    def _owner(self, path: str) -> type[Frozen]:
+        """The class that declares the option at ``path``; one without options where there is none."""
+        section = path.rpartition(".")[0]
         plugin = self.plugins.get(section.removeprefix("plugins."))
         owner = plugin or (self.parts | self.sections()).get(section)
-        return (
-            units_of(type(owner)).get(option, "")
-            if isinstance(owner, Frozen)
-            else ""
-        )
+        return type(owner) if isinstance(owner, Frozen) else Frozen
 
     def todict(self) -> Data:
         """The scene as plain TOML-like data, every option spelled out; :func:`parse_scene` reads it back."""
@@ -571,6 +576,12 @@ class Scene(Section):
     def digest(self) -> str:
         """Content hash of the whole scene."""
         return content_hash(self.todict())
+
+
+def _entry(path: str) -> Beside | None:
+    """The entry of a section at ``path`` that is no option of its component."""
+    found = (stage.entries.get(path) for stage in registry.stages())
+    return next(filter(None, found), None)
 
 
 def _sections(parts: Fields, options_of: Callable[[Component], Data]) -> Data:

@@ -347,9 +347,10 @@ def _settled(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The decades of the hold times after the table, (m,), in which the change of its last one may go on; what was there
     before that decade."""
-    beyond = np.log10(np.maximum(hold_times, setting.times[-1]))
-    earlier = np.minimum(hold_times, setting.times[-1] / 10)
-    return beyond - setting.decades[1], _in_time(setting, earlier, change)
+    last = setting.times[-1]
+    # exactly 0 within the table
+    beyond = np.log10(np.maximum(hold_times / last, 1.0))
+    return beyond, _in_time(setting, np.minimum(hold_times, last / 10), change)
 
 
 def _in_time(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import queue
 import secrets
@@ -108,19 +109,23 @@ class Page:
     ) -> None:
         errors.optional_module("bokeh", "live")
         count, self.map_pixels = IN_FILE if in_file else ON_SERVER
-        self.where = "scene.toml" if isinstance(scene, Mapping) else str(scene)
         data = scene if isinstance(scene, Mapping) else scene_data(scene)[0]
+        # a scene that is no file, or a sweep, is repeated from the file that the button saves
+        saved = data is scene or "sweep" in data
+        self.where = "live.toml" if saved else str(scene)
         base = override(data, {"sweep": None, **(changes or {})})
         self.sliders = sliders_of(base, slide, count)
         self.models = [LiveScene(base, self.sliders)]
         if beside is not None:
             other = override(scene_data(beside)[0], {"sweep": None})
-            other["name"] += " beside" * (other["name"] == base["name"])
+            if other["name"] == base["name"]:
+                other["name"] += " beside"
             self.models.append(LiveScene(other, self.sliders))
         self.equal_pressure = equal_pressure
         self.command = f"chemage run {self.where}"
         for path, value in (changes or {}).items():
-            self.command += f" --set '{path}={value}'"
+            said = value if isinstance(value, str) else json.dumps(value)
+            self.command += f" --set '{path}={said}'"
         #: where it is served
         self.url = ""
         #: the places of the scene's own values
@@ -136,8 +141,9 @@ class Page:
                 less = load = ""
                 for model in self.models:
                     less = model.at(places, quick, load) or less
-                    pressure = model.last.contact.mean_contact_pressure
-                    load = self.equal_pressure * f"{pressure!r} GPa over contact"
+                    if self.equal_pressure:
+                        pressure = model.last.contact.mean_contact_pressure
+                        load = f"{pressure!r} GPa over contact"
             except ChemageError as error:
                 return {"words": escape(str(error))}
             state: dict[str, Any] = {
@@ -150,20 +156,23 @@ class Page:
                     state[f"{model.name}: contact pressure (GPa)"] = blocks
             return state
 
-    def fill(self, document: Any, state: Mapping[str, Any]) -> dict[str, Any]:
-        """Lay the page out in ``document``, showing ``state``; return by name what moves.
+    def check(self) -> None:
+        """Compute the scenes' own values, so that what is wrong with them is said here and not in a browser.
 
         Raises
         ------
-        InputError
-            ``state`` is an error.
+        ChemageError
+            As of any run, or a scene ages nothing.
         """
+        for model in self.models:
+            model.at(self.starts, quick=True)
+
+    def fill(self, document: Any, state: Mapping[str, Any]) -> dict[str, Any]:
+        """Lay the page out in ``document``, showing ``state``; return by name what moves."""
         from bokeh import layouts
         from bokeh import models as widgets
         from bokeh.plotting import figure
 
-        if "table" not in state:
-            raise InputError(state["words"])
         curve = self.models[0].curve
         plot: Any = figure(
             x_axis_type="log",
@@ -324,7 +333,6 @@ class Page:
         InputError
             The port is taken, or the scene ages nothing.
         """
-        from bokeh.document import Document
         from bokeh.server.server import Server
         from tornado.ioloop import IOLoop
 
@@ -336,8 +344,7 @@ class Page:
                 problem = f"is not free ({error.strerror})"
                 remedy = "choose another, or 0 for any"
                 raise InputError.of("port", port, problem, remedy) from None
-        # what is wrong with the scene is said here, not in the browser
-        self.fill(Document(), self.state(self.starts, quick=True))
+        self.check()
         where = f"/{secrets.token_urlsafe(16)}"
         started: Future[Any] = Future()
 
@@ -382,6 +389,7 @@ class Page:
         remedy = "choose fewer sliders with --slide"
         if count > MOST_STATES:
             raise InputError.of("slide", count, "results are too many", remedy)
+        self.check()
         states = []
         for number, places in enumerate(itertools.product(*map(range, lengths))):
             report(number, count)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from chemage import InputError, Scene, parse_scene
-from chemage.plugin import convert, meanings, registry
+from chemage.plugin import convert, value_at
 
 #: the ends of a slider are this many times below and above the value of the scene; of temperatures, the second
 SPAN, WARMTH = 5.0, 1.3
@@ -64,21 +64,9 @@ def _slider(scene: Scene, asked: str, count: int) -> Control:
     space = np.geomspace if low > 0 else np.linspace
     values = sorted({own, *(float(f"{x:.4g}") for x in space(low, high, count))})
     texts = [f"{value:.6g} {unit}" if unit else value for value in values]
-    return Control(path, _meaning(scene, path), texts, values.index(own))
+    return Control(path, scene.meaning(path), texts, values.index(own))
 
 
 def _number(scene: Scene, path: str) -> float | None:
-    place: Any = scene.todict()
-    for name in path.split("."):
-        place = place.get(name) if isinstance(place, Mapping) else None
-    return place if isinstance(place, float) else None
-
-
-def _meaning(scene: Scene, path: str) -> str:
-    for stage in registry.stages():
-        if path in stage.entries:
-            return str(stage.entries[path].schema.get("description", path))
-    section, _, option = path.rpartition(".")
-    return meanings(type((scene.parts | scene.sections())[section])).get(
-        option, path
-    )
+    found = value_at(scene.todict(), path)
+    return found if isinstance(found, float) else None

@@ -222,13 +222,22 @@ def test_the_command_writes_a_page(tmp_path, command):
     assert "--force" in again.err
 
 
+def test_the_command_says_values_as_toml_and_names_the_saved_file_of_a_sweep():
+    data = scene_data("silica-tip")[0]
+    page = Page("silica-tip", slide=[SLIDE], changes={"contact.gap": True, "hold.replicas": 5})
+    assert page.command == "chemage run silica-tip --set 'contact.gap=true' --set 'hold.replicas=5'"
+    swept = Page({**data, "sweep": {"contact.load": ["10 nN", "20 nN"]}}, slide=[SLIDE])
+    assert swept.command == "chemage run live.toml"
+
+
 def test_a_scene_without_ageing_has_nothing_to_play_with():
     data = {
         name: section for name, section in scene_data("silica-tip")[0].items() if name in ("name", "surface", "contact")
     }
     page = Page(data, in_file=True, slide=[SLIDE])
-    with pytest.raises(ca.InputError, match="ages nothing"):
-        page.fill(Document(), page.state([0]))
+    for shown in (page.serve, page.html):
+        with pytest.raises(ca.InputError, match="ages nothing"):
+            shown()
 
 
 def test_a_notebook_shows_it():

@@ -45,6 +45,7 @@ from chemage.scene.files import (
     required_sections,
     scene_data,
     section_names,
+    value_at,
 )
 from chemage.scene.materials import filled_sections
 from chemage.scene.plan import cost
@@ -436,9 +437,7 @@ class Survey:
             # the force differs where the size of the surface is swept as well
             self.units[path] = "GPa"
             return pressure
-        value: Any = scene.todict()
-        for name in path.split("."):
-            value = value.get(name) if isinstance(value, Mapping) else None
+        value = value_at(scene.todict(), path)
         if path not in self.units:
             self.units[path] = scene.unit(path)
         plain = not isinstance(written, Mapping) and not isinstance(
