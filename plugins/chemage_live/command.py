@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from chemage.plugin import options, output, preflight, progress, write_file
+from chemage.plugin import options, output, preflight, write_file
 
 
 def live(
@@ -67,9 +67,7 @@ def live(
         in_file=out is not None,
     )
     if out is not None:
-        with progress.progress_bars({"computing": "results"}) as report:
-            text = page.html(lambda done, of: report("computing", done, of))
-        write_file(out, text, force=force)
+        write_file(out, page.html(), force=force)
         output.say(f"page     {out}")
         return
     page.serve(port)

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from chemage import ContactSolution, InputError, Run, parse_scene, run
-from chemage.plugin import Curve, Result, figures, override, result_of, text
-from chemage_live.sliders import Control
+from chemage.plugin import (
+    Curve,
+    figures,
+    override,
+    result_of,
+    text,
+    value_at,
+)
 
 #: while a slider moves: pixels along a side, and sites times replicas, at most
 PIXELS, SITES = 512, 1200
@@ -21,37 +28,33 @@ class LiveScene:
 
     last: Run
 
-    def __init__(self, data: Mapping[str, Any], sliders: Sequence[Control]) -> None:
+    def __init__(self, data: Mapping[str, Any]) -> None:
         self.data = data
-        self.name = str(data["name"])
-        self.sliders = sliders
-        #: sites of the last result
+        self.own = parse_scene(data)
+        #: of the last result: its scene, and sites
+        self.scene = None
         self.sites = 1.0
 
-    def changes(self, places: Sequence[int]) -> dict[str, Any]:
-        """Dotted path -> value of the sliders at these places, of what this scene has."""
-        return {
-            slider.path: slider.values[place]
-            for slider, place in zip(self.sliders, places, strict=True)
-            if slider.path.partition(".")[0] in self.data
-        }
-
-    def at(self, places: Sequence[int], quick: bool = False, load: str = "") -> str:
-        """Compute the result at these places; ``quick``: with less, which is returned in words; ``load``: instead of the
-        slider's.
+    def at(self, changes: Mapping[str, Any], quick: bool = False) -> str:
+        """Compute the result with the ``changes`` (dotted path -> value), of which the scene may have some; ``quick``:
+        with less, which is returned in words.
 
         Raises
         ------
         ChemageError
             As of any run; or nothing ages.
         """
-        changes = self.changes(places) | ({"contact.load": load} if load else {})
-        scene = parse_scene(override(self.data, changes))
+        options = self.own.todict()
+        own = {
+            path: value
+            for path, value in changes.items()
+            if value_at(options, path) is not None
+        }
+        scene = parse_scene(override(self.data, own))
         hold = scene.hold
         if hold is None:
-            raise InputError.of(
-                "scene", self.name, "ages nothing; live shows ageing"
-            )
+            problem = "ages nothing; live shows ageing"
+            raise InputError.of("scene", scene.name, problem)
         less = []
         grids = scene.site_grids
         most = math.ceil(max(grids[0]) / PIXELS) if quick and grids else 1
@@ -64,56 +67,51 @@ class LiveScene:
         if quick and replicas < hold.replicas:
             less.append(f"{replicas} of {hold.replicas} replicas")
             scene = scene.with_hold(replicas=replicas)
-        self.last = run(scene, warn=False, progress=False)
-        if self.last.aging is not None:
-            self.sites = max(1.0, float(self.last.aging.sites.mean()))
+        if scene != self.scene:
+            self.last = run(scene, warn=False, progress=False)
+            self.scene = scene
+            aging: Any = self.last.aging
+            self.sites = max(1.0, float(aging.sites.mean()))
         return ", ".join(less)
-
-    @property
-    def shown(self) -> Result:
-        """The last result, as users see it."""
-        return result_of(self.last)
 
     @property
     def curve(self) -> Curve:
         """The curve over hold time that users look for first."""
-        return min(
-            self.shown.curves(), key=lambda one: (one.rank, one.is_distribution)
-        )
+        return min(result_of(self.last).curves(), key=lambda one: one.rank)
 
-    def columns(self) -> dict[str, Any]:
-        """The curve with both ends of its intervals."""
-        curve = self.curve
-        half = np.nan_to_num(curve.half_width) if curve.half_width.size else 0.0
-        ends = {"low": curve.mean - half, "high": curve.mean + half}
-        return {"x": curve.x, "y": curve.mean, **ends}
-
-    def pressure(self, most: int) -> dict[str, Any] | None:
-        """The map of pressure, the largest in each of ``most`` blocks along a side; nan where there is no contact. None:
-        there is no map."""
-        contact = self.last.contact
-        if not isinstance(contact, ContactSolution):
-            return None
-        blocks = figures.pooled(contact.pressure, np.max, most)
-        seen = np.where(blocks > 0, blocks, np.nan).T.astype(np.float32)
-        width, height = np.multiply(contact.pressure.shape, contact.pixel_size)
-        return {"image": [seen], "width": [width], "height": [height]}
-
-
-def table(results: Sequence[Result]) -> str:
-    """The numbers of results beside each other, and their notes, as HTML."""
-    found: dict[str, list[str]] = {}
-    for number, result in enumerate(results):
-        left_out = {name for name, _ in result.facts()} | {
-            "wall time",
-            "every ± is",
+    def sources(self, most: int) -> dict[str, Any]:
+        """The columns of the curve, and of the map of pressure where there is one: the largest in each of ``most``
+        blocks along a side, nan where there is no contact."""
+        curve, contact = self.curve, self.last.contact
+        half = curve.half_width if curve.half_width.size else 0.0
+        sources: dict[str, Any] = {
+            self.own.name: with_ends(curve.x, curve.mean, half)
         }
-        for name, words in result.rows():
-            if name not in left_out:
-                found.setdefault(name, [""] * len(results))[number] = words
-    notes = ["; ".join(result.notes()) for result in results]
-    rows = [("", *(result.heading for result in results))]
-    rows += [(name, *cells) for name, cells in found.items()]
-    return text.html_table(
-        "", [*rows, *([("notes", *notes)] if any(notes) else [])]
-    )
+        if isinstance(contact, ContactSolution):
+            blocks = figures.pooled(contact.pressure, np.max, most)
+            seen = np.where(blocks > 0, blocks.round(3), np.nan).T
+            width, height = np.multiply(contact.shape, contact.pixel_size)
+            sources[f"{self.own.name}: contact pressure (GPa)"] = {
+                "image": [seen],
+                "width": [width],
+                "height": [height],
+            }
+        return sources
+
+
+def with_ends(x: np.ndarray, y: np.ndarray, half: Any) -> dict[str, np.ndarray]:
+    """The columns of a curve with the ends of its intervals, whose ``half`` is nan where it is not known."""
+    half = np.nan_to_num(half)
+    return {"x": x, "y": y, "low": y - half, "high": y + half}
+
+
+def table(runs: Sequence[Run]) -> str:
+    """The numbers of runs beside each other, and their notes, as HTML."""
+    results = [result_of(one) for one in runs]
+    columns = [dict(result.rows()[len(result.facts()) :]) for result in results]
+    names = dict.fromkeys(chain(*columns))
+    names.pop("wall time", None)
+    headings = ("", *(result.heading for result in results))
+    rows = [(name, *(one.get(name, "") for one in columns)) for name in names]
+    notes = ("notes", *("; ".join(result.notes()) for result in results))
+    return text.html_table("", [headings, *rows, notes])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from chemage import InputError, Scene, parse_scene
+from chemage import InputError, Scene
 from chemage.plugin import convert, value_at
 
 #: the ends of a slider are this many times below and above the value of the scene; of temperatures, the second
@@ -31,9 +31,7 @@ class Control:
     start: int
 
 
-def sliders_of(
-    data: Mapping[str, Any], asked: Sequence[str], count: int
-) -> list[Control]:
+def sliders_of(scene: Scene, asked: Sequence[str], count: int) -> list[Control]:
     """The sliders of a scene: those ``asked`` for (``PATH`` or ``PATH=LOW, HIGH``), else :data:`FIRST`. ``count``
     values each, and the scene's own.
 
@@ -42,31 +40,25 @@ def sliders_of(
     InputError
         A path is no number of the scene, or a range is none.
     """
-    scene = parse_scene(data)
-    found = [path for path in FIRST if _number(scene, path) is not None]
+    values = scene.todict()
+    found = [path for path in FIRST if isinstance(value_at(values, path), float)]
     return [_slider(scene, text, count) for text in asked or found]
 
 
 def _slider(scene: Scene, asked: str, count: int) -> Control:
     path, given, ends = asked.partition("=")
-    own, unit = _number(scene, path), scene.unit(path)
-    if own is None:
+    own, unit = value_at(scene.todict(), path), scene.unit(path)
+    if not isinstance(own, float):
         raise InputError.of("slide", path, "is no number of this scene")
     span = WARMTH if unit == "K" else SPAN
-    range_of = [own / span, own * span]
+    bounds = [own / span, own * span]
     if given:
-        range_of = [float(convert(end.strip(), unit)) for end in ends.split(",")]
-    low, high = range_of if len(range_of) == 2 else (0.0, 0.0)
+        bounds = [float(convert(end.strip(), unit)) for end in ends.split(",")]
+    low, high = bounds if len(bounds) == 2 else (0.0, 0.0)
     if not low < high:
-        raise InputError.of(
-            "slide", asked, f'is no range; write "{path}=LOW, HIGH"'
-        )
+        problem = f'is no range; write "{path}=LOW, HIGH"'
+        raise InputError.of("slide", asked, problem)
     space = np.geomspace if low > 0 else np.linspace
     values = sorted({own, *(float(f"{x:.4g}") for x in space(low, high, count))})
     texts = [f"{value:.6g} {unit}" if unit else value for value in values]
     return Control(path, scene.meaning(path), texts, values.index(own))
-
-
-def _number(scene: Scene, path: str) -> float | None:
-    found = value_at(scene.todict(), path)
-    return found if isinstance(found, float) else None

@@ -17,10 +17,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))
 from conftest import Browser, chromium
 
 MOVE = """new Promise(done => {
-  const page = Bokeh.documents[0], slider = page.get_model_by_name('contact.load')
-  const curve = page.get_model_by_name('%s'), before = curve.data, begin = performance.now()
+  const slider = document.getElementById('contact.load')
+  const curve = Bokeh.documents[0].get_model_by_name('%s'), before = curve.data, begin = performance.now()
   const look = () => curve.data !== before ? done(performance.now() - begin) : setTimeout(look, 1)
-  slider.value = (slider.value + 7) %% (slider.end + 1)
+  slider.value = (+slider.value + 7) %% (+slider.max + 1)
+  slider.oninput()
   look()
 })"""
 SCENES = {

@@ -2,17 +2,16 @@
 
 import base64
 import html
+import json
 import socket
 import tomllib
 import urllib.error
 import urllib.request
-from types import SimpleNamespace
 
 import pytest
-from bokeh.document import Document
 
 import chemage as ca
-from chemage.plugin import override, result_of, scene_data, statistics
+from chemage.plugin import override, scene_data, statistics
 from chemage_live.model import LiveScene, table
 from chemage_live.page import Page
 from chemage_live.sliders import sliders_of
@@ -30,12 +29,21 @@ def page():
 def cells(scene, **changes):
     """The rows of a run, as they stand in the page's table."""
     run = ca.run(override(scene_data(scene)[0], FEW | changes), warn=False)
-    return table([result_of(run)])
+    return table([run])
+
+
+def has(place, text):
+    """JavaScript: whether the page has this HTML at a place."""
+    return f"""(() => {{
+      const one = document.createElement("div")
+      one.innerHTML = {json.dumps(text)}
+      return document.getElementById("{place}").innerHTML == one.innerHTML
+    }})()"""
 
 
 def test_without_words_load_temperature_and_radius_move_about_the_scenes_own_values():
     base = scene_data("silica-tip")[0]
-    found = sliders_of(base, (), 9)
+    found = sliders_of(ca.parse_scene(base), (), 9)
     assert [one.path for one in found] == ["contact.load", "hold.temperature", "surface.radius"]
     own = {one.path: one.values[one.start] for one in found}
     assert own == {"contact.load": "50 nN", "hold.temperature": "300 K", "surface.radius": "30 nm"}
@@ -63,12 +71,17 @@ def test_a_wrong_slider_is_refused_with_the_remedy(asked, words):
 def test_numbers_are_those_of_a_run_and_less_is_said_while_moving(page):
     place = len(page.sliders[0].values) - 1
     assert page.state([place])["table"] == cells("silica-tip", **{"contact.load": "80 nN"})
-    model = LiveScene(override(scene_data("silica-tip")[0], {"hold.stop": "1 s"}), page.sliders)
-    assert model.at([place], quick=True) == ""
-    sites = model.last.aging.sites.mean()
-    less = model.at([place], quick=True)
+    model = LiveScene(override(scene_data("silica-tip")[0], {"hold.stop": "1 s"}))
+    load = {"contact.load": "80 nN"}
+    assert model.at(load, quick=True) == ""
+    whole, sites = model.last, model.last.aging.sites.mean()
+    less = model.at(load, quick=True)
     assert less == f"{int(1200 / sites)} of 200 replicas"
-    assert model.at([place]) == ""
+    assert model.at(load) == ""
+    assert model.last.aging.replicas == whole.aging.replicas == 200
+    again = model.last
+    assert model.at(load) == ""
+    assert model.last is again
 
 
 def test_while_moving_a_large_contact_has_larger_pixels_and_the_same_sites():
@@ -76,19 +89,18 @@ def test_while_moving_a_large_contact_has_larger_pixels_and_the_same_sites():
         scene_data("silica-rough")[0],
         {"surface.pixels": 1250, "surface.zeta": 75, "hold.replicas": 2, "hold.stop": "1 s"},
     )
-    model = LiveScene(data, sliders_of(data, (), 5))
-    places = [slider.start for slider in model.sliders]
-    assert model.at(places, quick=True) == "pixels 2 times larger"
+    model = LiveScene(data)
+    assert model.at({}, quick=True) == "pixels 2 times larger"
     assert model.last.contact.shape == (625, 625)
     sites = model.last.aging.sites.mean()
-    assert model.at(places) == ""
+    assert model.at({}) == ""
     assert model.last.contact.shape == (1250, 1250)
     assert sites == pytest.approx(model.last.aging.sites.mean(), rel=0.05)
 
 
 def test_a_scene_that_is_refused_keeps_what_there_is():
     page = Page("silica-tip", slide=["hold.temperature=300 K, 3000 K"], changes=FEW | {"hold.temperature": "300 K"})
-    page.models[0].data["hold"]["temperature"] = "300 K"
+    page.scenes[0].data["hold"]["temperature"] = "300 K"
     page.sliders[0].values[-1] = "-5 K"
     state = page.state([len(page.sliders[0].values) - 1])
     assert set(state) == {"words"}
@@ -99,13 +111,24 @@ def test_a_scene_that_is_refused_keeps_what_there_is():
 def test_another_scene_follows_at_equal_load_or_equal_mean_pressure(equal_pressure):
     rough = "silica-patch"
     page = Page("silica-tip", rough, slide=[SLIDE], changes=FEW, equal_pressure=equal_pressure, in_file=True)
-    page.models[1].data["hold"]["replicas"] = 2
+    page.scenes[1].data["hold"]["replicas"] = 2
     page.state([0])
-    first, second = (model.last.contact for model in page.models)
+    first, second = (scene.last.contact for scene in page.scenes)
     if equal_pressure:
         assert second.mean_contact_pressure == pytest.approx(first.mean_contact_pressure, rel=0.02)
     else:
         assert second.load == pytest.approx(first.load)
+
+
+def test_another_scene_follows_the_sliders_that_it_has_and_always_has_the_load():
+    page = Page("silica-tip", "silica-patch", changes=FEW)
+    page.scenes[1].data["hold"]["replicas"] = 2
+    assert [slider.path for slider in page.sliders] == ["contact.load", "hold.temperature", "surface.radius"]
+    state = page.state([slider.start for slider in page.sliders], quick=True)
+    assert {"silica-tip", "silica-patch"} < set(state["columns"])
+    still = Page("silica-tip", "silica-patch", slide=["surface.radius"], changes=FEW)
+    first, second = (scene.last.contact for scene in still.scenes)
+    assert second.load == pytest.approx(first.load)
 
 
 def test_a_file_moves_in_a_browser_by_keyboard_alone_without_a_server(page, browser, tmp_path):
@@ -122,25 +145,20 @@ def test_a_file_moves_in_a_browser_by_keyboard_alone_without_a_server(page, brow
         if browser.evaluate(FOCUSED):
             break
     browser.press("End")
-    browser.wait(f"{SLIDER}.value == {SLIDER}.end")
+    browser.wait(f"{SLIDER}.value == {SLIDER}.max")
     expected = cells("silica-tip", **{"contact.load": "80 nN"})
-    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('table').text") == expected
-    command = browser.evaluate("Bokeh.documents[0].get_model_by_name('command').text")
+    browser.wait(has("table", expected))
+    command = browser.evaluate("document.getElementById('command').textContent")
     assert command.endswith("--set 'contact.load=80 nN'")
     assert "--set 'hold.replicas=5'" in command
-    saved = tomllib.loads(browser.evaluate("Bokeh.documents[0].get_model_by_name('command').tags[0]"))
+    saved = tomllib.loads(browser.evaluate("document.getElementById('toml').textContent"))
     assert ca.parse_scene(saved) == ca.parse_scene(
         override(scene_data("silica-tip")[0], FEW | {"contact.load": "80 nN"})
     )
 
 
-SLIDER = "Bokeh.documents[0].get_model_by_name('contact.load')"
-#: what has the keyboard, below the roots of shadow trees
-FOCUSED = """(() => {
-  let one = document.activeElement
-  while (one?.shadowRoot?.activeElement) one = one.shadowRoot.activeElement
-  return one?.getAttribute("role") == "slider"
-})()"""
+SLIDER = "document.getElementById('contact.load')"
+FOCUSED = "document.activeElement.type == 'range'"
 
 
 @pytest.fixture(scope="module")
@@ -154,11 +172,23 @@ def test_a_server_tells_the_whole_when_the_slider_rests(served, browser):
     seen = browser.open(served.url, 1280)
     browser.wait("Bokeh.documents[0]?.is_idle")
     assert {url.split("/")[2] for url in seen["requests"] if url.startswith("http")} == {served.url.split("/")[2]}
-    browser.evaluate(f"{SLIDER}.value = {SLIDER}.end")
+    browser.evaluate(f"{SLIDER}.value = {SLIDER}.max; {SLIDER}.oninput()")
     expected = cells("silica-tip", **{"contact.load": "80 nN", "hold.replicas": 60})
-    browser.wait(f"Bokeh.documents[0].get_model_by_name('table').text == {expected!r}")
-    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('words').text") == ""
-    browser.wait("Bokeh.documents[0].get_model_by_name('pictures').text.includes('alt=\"barriers\"')")
+    browser.wait(has("table", expected))
+    assert browser.evaluate("document.getElementById('words').textContent") == ""
+    browser.wait("document.getElementById('pictures').innerHTML.includes('alt=\"barriers\"')")
+    assert browser.evaluate("document.getElementById('pictures').style.opacity") == "1"
+
+
+def test_measured_points_are_dropped_into_the_page(served, browser, tmp_path):
+    file = tmp_path / "afm.csv"
+    file.write_text(LOADED)
+    browser.open(served.url, 1280)
+    browser.wait("Bokeh.documents[0]?.is_idle")
+    node = browser.call("Runtime.evaluate", expression="document.getElementById('file')")["result"]["objectId"]
+    browser.call("DOM.setFileInputFiles", files=[str(file)], objectId=node)
+    browser.wait("Bokeh.documents[0].get_model_by_name('measured').data.x.length == 2")
+    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured').data.y") == pytest.approx([0.1, 0.2])
 
 
 def test_it_is_found_on_this_machine_alone_by_who_knows_the_address(served):
@@ -184,22 +214,22 @@ def test_a_taken_port_is_named(served, command):
     assert f"port = {port}: is not free" in told.err
 
 
+LOADED = "hold_time (s),friction_drop (nN),error,load (nN)\n1,2,0.1,20\n10,4,0.1,20\n"
+
+
 def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(page):
-    view = page.fill(Document(), page.state([0]))
-    forces = "hold_time (s),friction_drop (nN),error\n1,2,0.1\n10,4,0.1\n"
-    loaded = "hold_time (s),friction_drop (nN),error,load (nN)\n1,2,0.1,20\n10,4,0.1,20\n"
-    told = []
-    for text in (loaded, forces, "nothing\n"):
-        view["measured"] = SimpleNamespace(filename="a<b.csv", value=base64.b64encode(text.encode()).decode())
-        page.measured(view)
-        told.append(view["words"].text)
-    points = view["points"].data
+    def dropped(text):
+        return page.measured("a<b.csv", base64.b64encode(text.encode()).decode())
+
+    found = dropped(LOADED)
+    points = found["columns"]["measured"]
     # at the load of the measurement, wherever the slider is
     assert list(points["y"]) == pytest.approx([2 / 20, 4 / 20])
     assert points["high"][0] == pytest.approx((2 + statistics.NORMAL_LIMIT * 0.1) / 20)
-    assert told[0] == ""
-    assert "give the load of the measurement" in told[1]
-    assert html.escape("a<b.csv") in told[2]
+    assert found["words"] == ""
+    without = dropped("hold_time (s),friction_drop (nN),error\n1,2,0.1\n10,4,0.1\n")
+    assert "give the load of the measurement" in without["words"]
+    assert html.escape("a<b.csv") in dropped("nothing\n")["words"]
 
 
 def test_too_many_results_are_refused_with_the_remedy(tmp_path, command):
@@ -225,19 +255,17 @@ def test_the_command_writes_a_page(tmp_path, command):
 def test_the_command_says_values_as_toml_and_names_the_saved_file_of_a_sweep():
     data = scene_data("silica-tip")[0]
     page = Page("silica-tip", slide=[SLIDE], changes={"contact.gap": True, "hold.replicas": 5})
-    assert page.command == "chemage run silica-tip --set 'contact.gap=true' --set 'hold.replicas=5'"
+    assert page.command({}) == "chemage run silica-tip --set 'contact.gap=true' --set 'hold.replicas=5'"
     swept = Page({**data, "sweep": {"contact.load": ["10 nN", "20 nN"]}}, slide=[SLIDE])
-    assert swept.command == "chemage run live.toml"
+    assert swept.command({}) == "chemage run live.toml"
 
 
 def test_a_scene_without_ageing_has_nothing_to_play_with():
     data = {
         name: section for name, section in scene_data("silica-tip")[0].items() if name in ("name", "surface", "contact")
     }
-    page = Page(data, in_file=True, slide=[SLIDE])
-    for shown in (page.serve, page.html):
-        with pytest.raises(ca.InputError, match="ages nothing"):
-            shown()
+    with pytest.raises(ca.InputError, match="ages nothing"):
+        Page(data, slide=[SLIDE])
 
 
 def test_a_notebook_shows_it():
