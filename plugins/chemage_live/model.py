@@ -31,7 +31,7 @@ class LiveScene:
     def __init__(self, data: Mapping[str, Any]) -> None:
         self.data = data
         self.own = parse_scene(data)
-        #: of the last result: its scene, and sites
+        #: of the last result: its scene, and its sites
         self.scene = None
         self.sites = 1.0
 
@@ -89,7 +89,9 @@ class LiveScene:
         }
         if isinstance(contact, ContactSolution):
             blocks = figures.pooled(contact.pressure, np.max, most)
-            seen = np.where(blocks > 0, blocks.round(3), np.nan).T
+            # as many digits as there are colours
+            rounded = blocks.round(text.decimals(blocks.max() / 256))
+            seen = np.where(blocks > 0, rounded, np.nan).T
             width, height = np.multiply(contact.shape, contact.pixel_size)
             sources[f"{self.own.name}: contact pressure (GPa)"] = {
                 "image": [seen],

@@ -105,10 +105,10 @@ class Page:
         for scene in self.scenes:
             less = scene.at(changes, quick) or less
             contact = scene.last.contact
-            changes["contact.load"] = f"{contact.load!r} nN"
+            changes["contact.load"] = f"{contact.load} nN"
             if self.equal_pressure:
                 pressure = contact.mean_contact_pressure
-                changes["contact.load"] = f"{pressure!r} GPa over contact"
+                changes["contact.load"] = f"{pressure} GPa over contact"
         return less
 
     def command(self, moved: Mapping[str, Any]) -> str:
@@ -142,8 +142,8 @@ class Page:
         return state
 
     def answer(self, places: Sequence[int], step: str) -> dict[str, Any]:
-        """What a browser asks for: the state with less while sliders are ``"moving"``, all of it, or with
-        ``"pictures"``, as they are printed."""
+        """What a browser asks for at a ``step``: the state with less while sliders are ``"moving"``, all of it where they
+        are ``"resting"``, and with ``"pictures"``, as they are printed."""
         state = self.state(places, quick=step == "moving")
         if step == "pictures":
             drawn = drawing.figures(self.scenes[0].last).items()
@@ -186,7 +186,7 @@ class Page:
 
         class Handler(RequestHandler):
             def get(self) -> None:
-                self.write(page.page())
+                self.write(page._html())
 
             def post(self) -> None:
                 asked = json.loads(self.request.body)
@@ -201,9 +201,9 @@ class Page:
             raise InputError.of("port", port, problem, remedy) from None
         where = f"/{secrets.token_urlsafe(16)}"
         listening.setblocking(False)
-        server = HTTPServer(Application([(where, Handler)]))
+        self.server = HTTPServer(Application([(where, Handler)]))
         self.loop = asyncio.new_event_loop()
-        self.loop.call_soon(server.add_socket, listening)
+        self.loop.call_soon(self.server.add_socket, listening)
         self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self.thread.start()
         self.url = f"http://localhost:{listening.getsockname()[1]}{where}"
@@ -211,6 +211,7 @@ class Page:
 
     def stop(self) -> None:
         """Serve no longer."""
+        self.loop.call_soon_threadsafe(self.server.stop)
         self.loop.call_soon_threadsafe(self.loop.stop)
         self.thread.join()
 
@@ -236,14 +237,14 @@ class Page:
             for places in itertools.product(*map(range, lengths)):
                 states.append(self.state(places))
                 report("computing", len(states), count)
-        page = self.page(states)
+        page = self._html(states)
         if len(page) > MOST_BYTES:
             size = f"{len(page) / 1e6:.1f} MB"
             raise InputError.of("slide", size, "is above 5 MB", remedy)
         return page
 
-    def page(self, states: Sequence[Mapping[str, Any]] = ()) -> str:
-        """The HTML text: with the ``states`` at all places, or one that asks a server for them."""
+    def _html(self, states: Sequence[Mapping[str, Any]] = ()) -> str:
+        """The page with the ``states`` at all places; without any, it asks the server for them."""
         from bokeh.embed import file_html
         from bokeh.layouts import column
         from bokeh.models import ColumnDataSource

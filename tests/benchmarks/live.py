@@ -19,7 +19,9 @@ from conftest import Browser, chromium
 MOVE = """new Promise(done => {
   const slider = document.getElementById('contact.load')
   const curve = Bokeh.documents[0].get_model_by_name('%s'), before = curve.data, begin = performance.now()
-  const look = () => curve.data !== before ? done(performance.now() - begin) : setTimeout(look, 1)
+  const command = document.getElementById('command'), value = slider.previousElementSibling
+  const there = () => curve.data !== before && command.textContent.includes(`=${value.textContent}'`)
+  const look = () => there() ? done(performance.now() - begin) : setTimeout(look, 1)
   slider.value = (+slider.value + 7) %% (+slider.max + 1)
   slider.oninput()
   look()

@@ -277,3 +277,6 @@ def test_a_notebook_shows_it():
     live.stop()
     live.thread.join(20)
     assert not live.thread.is_alive()
+    port = int(live.url.split(":")[2].partition("/")[0])
+    with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port), 2):
+        pass
