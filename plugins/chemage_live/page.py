@@ -169,7 +169,7 @@ class Page:
         error = 0.0 if found.error is None else found.error
         half = statistics.NORMAL_LIMIT * error
         points = with_ends(found.hold_times, found.values, half)
-        return {"words": "", "columns": {"measured": points}}
+        return {"words": "", "columns": {"measured points": points}}
 
     def serve(self, port: int = 0) -> Self:
         """Serve it from now on, to this machine alone, at the secret address ``url``.
@@ -270,13 +270,13 @@ class Page:
                 plot.varea("x", "low", "high", alpha=0.2, **of)
                 plot.line("x", "y", width=2, **of)
         nothing: Any = dict.fromkeys(("x", "y", "low", "high"), ())
-        points = ColumnDataSource(nothing, name="measured")
+        points = ColumnDataSource(nothing, name="measured points")
         plot.segment("x", "low", "x", "high", source=points, color="black")
         plot.scatter("x", "y", source=points, color="black", size=5)
         plot.legend.location = "top_left"
         template = resources.files("chemage_live").joinpath("page.html")
         return file_html(
-            column(*plots, name="plots", sizing_mode=_WIDE),
+            column(*plots, sizing_mode=_WIDE),
             INLINE,
             title=f"chemage live: {self.where}",
             template=template.read_text("utf-8"),

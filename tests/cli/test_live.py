@@ -4,6 +4,7 @@ import base64
 import html
 import json
 import socket
+import sys
 import tomllib
 import urllib.error
 import urllib.request
@@ -187,8 +188,8 @@ def test_measured_points_are_dropped_into_the_page(served, browser, tmp_path):
     browser.wait("Bokeh.documents[0]?.is_idle")
     node = browser.call("Runtime.evaluate", expression="document.getElementById('file')")["result"]["objectId"]
     browser.call("DOM.setFileInputFiles", files=[str(file)], objectId=node)
-    browser.wait("Bokeh.documents[0].get_model_by_name('measured').data.x.length == 2")
-    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured').data.y") == pytest.approx([0.1, 0.2])
+    browser.wait("Bokeh.documents[0].get_model_by_name('measured points').data.x.length == 2")
+    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured points').data.y") == pytest.approx([0.1, 0.2])
 
 
 def test_it_is_found_on_this_machine_alone_by_who_knows_the_address(served):
@@ -222,7 +223,7 @@ def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(pag
         return page.measured("a<b.csv", base64.b64encode(text.encode()).decode())
 
     found = dropped(LOADED)
-    points = found["columns"]["measured"]
+    points = found["columns"]["measured points"]
     # at the load of the measurement, wherever the slider is
     assert list(points["y"]) == pytest.approx([2 / 20, 4 / 20])
     assert points["high"][0] == pytest.approx((2 + statistics.NORMAL_LIMIT * 0.1) / 20)
@@ -230,6 +231,12 @@ def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(pag
     without = dropped("hold_time (s),friction_drop (nN),error\n1,2,0.1\n10,4,0.1\n")
     assert "give the load of the measurement" in without["words"]
     assert html.escape("a<b.csv") in dropped("nothing\n")["words"]
+
+
+def test_a_missing_extra_is_named_with_the_command_that_installs_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    with pytest.raises(ca.ChemageError, match=r"pip install 'chemage\[live\]'"):
+        ca.live("silica-tip")
 
 
 def test_too_many_results_are_refused_with_the_remedy(tmp_path, command):
