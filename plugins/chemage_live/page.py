@@ -274,12 +274,14 @@ class Page:
         plot.segment("x", "low", "x", "high", source=points, color="black")
         plot.scatter("x", "y", source=points, color="black", size=5)
         plot.legend.location = "top_left"
-        template = resources.files("chemage_live").joinpath("page.html")
+        template = (
+            resources.files("chemage_live").joinpath("page.html").read_text("utf-8")
+        )
         return file_html(
             column(*plots, sizing_mode=_WIDE),
             INLINE,
             title=f"chemage live: {self.where}",
-            template=template.read_text("utf-8"),
+            template=template,
             template_variables={
                 "sliders": self.sliders,
                 "states": text.jsonable(states),
