@@ -189,7 +189,9 @@ def test_measured_points_are_dropped_into_the_page(served, browser, tmp_path):
     node = browser.call("Runtime.evaluate", expression="document.getElementById('file')")["result"]["objectId"]
     browser.call("DOM.setFileInputFiles", files=[str(file)], objectId=node)
     browser.wait("Bokeh.documents[0].get_model_by_name('measured points').data.x.length == 2")
-    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured points').data.y") == pytest.approx([0.1, 0.2])
+    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured points').data.y") == pytest.approx(
+        [0.1, 0.2]
+    )
 
 
 def test_it_is_found_on_this_machine_alone_by_who_knows_the_address(served):
