@@ -34,8 +34,9 @@ SCALARS_AGREED = 1.01
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: share of the moves of scalars in which the density shifts with the energies
 SHIFTED = 0.7
-#: passes over the density in a sweep, and moves of scalars in each; common factors need fewer
-PASSES, MOVED = 2, 8
+#: passes over the density in a sweep, without scalars and with them, and moves of scalars in each; common factors need
+#: fewer
+PASSES, MOVED = (2, 4), 2
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
@@ -126,13 +127,14 @@ class Chain:
 
     def step(self) -> None:
         """One sweep over all unknowns."""
-        for last in range(PASSES):
+        unknown = self.scalars.size > 0
+        for left in reversed(range(PASSES[unknown])):
             self._drawn_density()
             self._drawn_complete()
             self._drawn_choice()
-            if self.scalars.size:
+            if unknown:
                 self._exchanged()
-                self._moved_scalars(last == PASSES - 1)
+                self._moved_scalars(flips=not left)
         if not self.noise.fixed:
             self._drawn_errors()
 
@@ -357,7 +359,7 @@ class Chain:
         if not common.any() or np.abs(problem.offsets).max() > 1e-9:
             return
         matrix, target, areas = self._model(False)
-        directions = self._directions(self.x.size // 2)
+        directions = self._directions(self.x.size // 4)
         inverse = problem.prior.precisions[0][self.choice]
         self.scalars[common] += kernels.exchanged(
             self.x,
