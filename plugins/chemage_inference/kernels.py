@@ -398,36 +398,6 @@ def exchanged(
 
 
 @kernel(nogil=True)
-def gram(rows):
-    """(n, n): ``rows`` (m, n), transposed, times themselves."""
-    m, n = rows.shape
-    result = np.zeros((n, n))
-    whole = m - m % 4
-    for k in range(0, whole, 4):
-        for i in range(n):
-            p, q, r, s = (
-                rows[k, i],
-                rows[k + 1, i],
-                rows[k + 2, i],
-                rows[k + 3, i],
-            )
-            row = result[i]
-            for j in range(i, n):
-                row[j] += (p * rows[k, j] + q * rows[k + 1, j]) + (
-                    r * rows[k + 2, j] + s * rows[k + 3, j]
-                )
-    for k in range(whole, m):
-        for i in range(n):
-            p = rows[k, i]
-            for j in range(i, n):
-                result[i, j] += p * rows[k, j]
-    for i in range(n):
-        for j in range(i):
-            result[i, j] = result[j, i]
-    return result
-
-
-@kernel(nogil=True)
 def log_prior(x, level, inverse, log):
     """Logarithm of the prior of ``x`` (n,), but for a constant.
 
@@ -473,10 +443,12 @@ def reduced(scalars, measured, values, errors, near):
     m, r = values.size, axes.shape[1]
     rows, goal = np.zeros((m, r)), np.zeros((m, 1))
     weights = spline_weights(scalars[: len(sizes)], powers, sizes)
-    for point in range(weights.size):
-        if weights[point] != 0.0:
-            rows += weights[point] * parts[point]
-            goal[:, 0] += weights[point] * offsets[point]
+    for point in np.flatnonzero(weights):
+        weight = weights[point]
+        for i in range(m):
+            goal[i, 0] += weight * offsets[point, i]
+            for k in range(r):
+                rows[i, k] += weight * parts[point, i, k]
     for i in range(m - 1, -1, -1):
         log = added = 0.0
         for k in range(scalars.size):
@@ -490,16 +462,13 @@ def reduced(scalars, measured, values, errors, near):
             root = math.sqrt(1.0 - near[i] * near[i])
             goal[i, 0] = (goal[i, 0] - near[i] * goal[i - 1, 0]) / root
             rows[i] = (rows[i] - near[i] * rows[i - 1]) / root
-    lower = algebra.cholesky(gram(rows) + 1e-6 * np.eye(r))
     columns = rows.T.copy()
+    square = algebra.products(columns, rows)
+    lower = algebra.cholesky(square + 1e-6 * np.eye(r))
     goals = algebra.forward(lower, algebra.products(columns, goal))
     width = r + ROWS - r % ROWS
     matrix, target = np.zeros((len(axes), width)), np.zeros(width)
-    for i in range(len(axes)):
-        row = matrix[i]
-        for k in range(r):
-            for j in range(k + 1):
-                row[j] += axes[i, k] * lower[k, j]
+    matrix[:, :r] = algebra.products(axes, lower)
     rest = 0.0
     for i in range(m):
         rest += goal[i, 0] * goal[i, 0]
@@ -539,7 +508,7 @@ def normal_equations(x, level, matrix, target):
     seen = matrix[places]
     for i in range(places.size):
         pull -= level * seen[i]
-    square = gram(seen.T.copy())
+    square = algebra.products(seen, seen.T.copy())
     right = algebra.products(seen, pull.reshape((-1, 1)))
     precision, goal = np.zeros((x.size, x.size)), np.zeros((x.size, 1))
     for i in range(places.size):
