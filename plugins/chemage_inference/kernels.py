@@ -47,41 +47,6 @@ def scaled_erfc(x):
 
 
 @kernel(nogil=True)
-def edge_integral(slope, curve, length):
-    """∫ exp(−slope u − curve u²/2) du from 0 to ``length``; slope ≥ 0, curve > 0."""
-    slope = max(slope, 1e-300)  # 0 × ∞ is no number
-    root = math.sqrt(2.0 * curve)
-    whole = scaled_erfc(slope / root)
-    exponent = slope * length + 0.5 * curve * length * length
-    if exponent > 700.0:
-        rest = 0.0
-    elif exponent < 1e-5:  # the two terms cancel
-        return length * (1.0 - 0.5 * exponent)
-    else:
-        rest = math.exp(-exponent) * scaled_erfc((slope + curve * length) / root)
-    return math.sqrt(math.pi / (2.0 * curve)) * max(whole - rest, 0.0)
-
-
-@kernel(nogil=True)
-def piece(a, b, c, low, high):
-    """Logarithm of ∫ exp(−(aα² + 2bα + c)/2) dα from ``low`` to ``high``."""
-    centre = -b / a
-    if low < centre < high:
-        root = math.sqrt(0.5 * a)
-        area = math.erf((high - centre) * root) + math.erf((centre - low) * root)
-        return (
-            -0.5 * (c - b * b / a)
-            + math.log(max(area, 1e-300))
-            + 0.5 * math.log(math.pi / (2.0 * a))
-        )
-    edge = low if centre <= low else high
-    area = edge_integral(abs(a * edge + b), a, high - low)
-    if area <= 0.0:
-        return -np.inf
-    return -0.5 * (a * edge * edge + 2.0 * b * edge + c) + math.log(area)
-
-
-@kernel(nogil=True)
 def log_tail(z):
     """Logarithm of the probability that a standard normal number exceeds ``z``."""
     if z < 0.0:
@@ -117,15 +82,30 @@ def at_log_tail(log_share):
 
 
 @kernel(nogil=True)
-def drawn(a, b, low, high, uniform):
-    """α between ``low`` and ``high`` with the density exp(−(aα² + 2bα)/2), by the tails of the normal distribution."""
+def tails(a, b, low, high):
+    """Of α between ``low`` and ``high`` with the density exp(−(aα² + 2bα)/2): the logarithms of the smaller tails of
+    the normal distribution beyond the nearer and the farther end, and the sign of α along them."""
     root = math.sqrt(a)
     first, last = low * root + b / root, high * root + b / root
-    sign = 1.0
-    if first + last < 0.0:  # by the smaller tails
-        first, last, sign = -last, -first, -1.0
-    most = log_tail(first)
-    z = at_log_tail(most + math.log1p(uniform * math.expm1(log_tail(last) - most)))
+    if first + last < 0.0:
+        return log_tail(-last), log_tail(-first), -1.0
+    return log_tail(first), log_tail(last), 1.0
+
+
+@kernel(nogil=True)
+def piece(a, b, c, low, high):
+    """Logarithm of ∫ exp(−(aα² + 2bα + c)/2) dα from ``low`` to ``high``."""
+    near, far, _ = tails(a, b, low, high)
+    share = math.log(max(-math.expm1(far - near), 1e-300))
+    return near + share - 0.5 * (c - b * b / a) + 0.5 * math.log(2.0 * math.pi / a)
+
+
+@kernel(nogil=True)
+def drawn(a, b, low, high, uniform):
+    """α between ``low`` and ``high`` with the density exp(−(aα² + 2bα)/2)."""
+    near, far, sign = tails(a, b, low, high)
+    z = at_log_tail(near + math.log1p(uniform * math.expm1(far - near)))
+    root = math.sqrt(a)
     return min(max((sign * z - b / root) / root, low), high)
 
 
@@ -777,39 +757,3 @@ def peaks_moved(peaks, base, scale, table, kt, widths, probability, uniforms):
         there = 0.5 * inner(residual, residual)
         if math.log(uniform[3]) < here - there:
             peaks[:], here = other, there
-
-
-@kernel(nogil=True)
-def curve_logs(
-    residual, stated, floors, curve, near, scales, inflation, rare, wider
-):
-    """(curves,) logarithms of the density of residuals (m,), each given the one before, but for a constant.
-
-    ``near`` (m,): correlation with the point before. With ``rare`` above zero each point is ``wider`` with that
-    probability, and summed over it; ``inflation`` (m,) is then left out.
-    """
-    logs = np.zeros(scales.size)
-    before = 0.0
-    for i in range(residual.size):
-        size = scales[curve[i]] * stated[i]
-        error = math.sqrt(
-            (size * (1.0 if rare > 0.0 else inflation[i])) ** 2 + floors[i] ** 2
-        )
-        away = residual[i] / error
-        rest = 1.0 - near[i] * near[i]
-        value = (
-            -0.5 * (away - near[i] * before) ** 2 / rest
-            - math.log(error)
-            - 0.5 * math.log(rest)
-        )
-        before = away
-        if rare > 0.0:
-            wide = math.sqrt((size * wider) ** 2 + floors[i] ** 2)
-            other = (
-                math.log(rare) - 0.5 * (residual[i] / wide) ** 2 - math.log(wide)
-            )
-            value += math.log(1.0 - rare)
-            top = max(value, other)
-            value = top + math.log(math.exp(value - top) + math.exp(other - top))
-        logs[curve[i]] += value
-    return logs

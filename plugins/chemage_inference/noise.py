@@ -18,7 +18,6 @@ from functools import cached_property
 import numpy as np
 
 from chemage import InputError
-from chemage_inference import kernels
 
 #: standard deviation of the normal distribution of the logarithm of a scale, and its bounds: stated errors are lower
 #: limits, because a smaller scale makes noise a structure of the density
@@ -248,29 +247,31 @@ class Noise:
         count = state.scales.size
         sizes = np.maximum(np.bincount(self.curve, minlength=count), 1)
         # without correlation summed over which points are off
-        rare = RARE if self.model.robust and not self.chained else 0.0
-        near = self.correlation(state)
-        fixed_part = residual, self.stated, self.floors, self.curve, near
-        here = kernels.curve_logs(
-            *fixed_part, state.scales, state.inflation, rare, WIDER
-        )
+        summed = self.model.robust and not self.chained
+        calm = np.ones_like(state.inflation) if summed else state.inflation
+
+        def of_curves(scales: np.ndarray) -> np.ndarray:
+            one = replace(state, scales=scales, inflation=calm)
+            logs = self._logs(one, residual)
+            if summed:
+                wide = self._logs(replace(one, inflation=WIDER * calm), residual)
+                logs = np.logaddexp(np.log(1 - RARE) + logs, np.log(RARE) + wide)
+            return np.bincount(self.curve, logs, count)
+
+        scales = state.scales
+        here = of_curves(scales)
         for _ in range(3):
-            before = np.log(state.scales)
+            before = np.log(scales)
             after = before + 1.7 / np.sqrt(
                 2 * sizes + SPREAD**-2
             ) * rng.standard_normal(count)
-            other = replace(state, scales=np.exp(after))
-            there = kernels.curve_logs(
-                *fixed_part, other.scales, state.inflation, rare, WIDER
-            )
+            there = of_curves(np.exp(after))
             gain = there - here - 0.5 * (after**2 - before**2) / SPREAD**2
             inside = (after >= np.log(SMALLEST)) & (after <= np.log(LARGEST))
             taken = inside & (np.log(rng.random(count)) < gain)
-            state = replace(
-                state, scales=np.where(taken, other.scales, state.scales)
-            )
+            scales = np.where(taken, np.exp(after), scales)
             here = np.where(taken, there, here)
-        return state
+        return replace(state, scales=scales)
 
     def _off(
         self, state: State, residual: np.ndarray, rng: np.random.Generator

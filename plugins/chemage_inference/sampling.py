@@ -228,16 +228,8 @@ class Chain:
         away = (nodes - centre) / width
         # Hermite functions, the derivatives of a bump
         order = rng.integers(ORDERS, size=(BUMPS, 1))
-        bumps = np.exp(-0.5 * away**2) * np.choose(
-            order,
-            (
-                np.ones_like(away),
-                away,
-                away**2 - 1,
-                away**3 - 3 * away,
-                away**4 - 6 * away**2 + 3,
-            ),
-        )
+        each = np.polynomial.hermite_e.hermeval(away, np.eye(ORDERS))
+        bumps = np.exp(-0.5 * away**2) * np.choose(order, each)
         bumps[np.abs(bumps) < 1e-6] = 0.0
         return bumps
 

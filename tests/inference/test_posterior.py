@@ -20,7 +20,6 @@ from chemage_inference.kernels import (
     at_log_tail,
     choice_drawn,
     drawn,
-    edge_integral,
     log_misfit,
     log_prior,
     log_tail,
@@ -191,7 +190,6 @@ def test_the_integral_of_a_piece_is_that_of_a_quadrature(a, b, low, high):
 def test_pieces_far_in_the_tail_and_without_an_end_stay_numbers():
     assert np.isfinite(piece(1.0, 1e4, 0.0, 0.0, np.inf))
     assert np.isfinite(piece(1.0, -1e4, 0.0, -np.inf, 0.0))
-    assert edge_integral(0.0, 1.0, np.inf) == pytest.approx(np.sqrt(np.pi / 2))
     assert scaled_erfc(30.0) == pytest.approx(1 / (30 * np.sqrt(np.pi)), rel=1e-3)
     assert scaled_erfc(5.999999) == pytest.approx(scaled_erfc(6.000001), rel=1e-5)
 
