@@ -391,43 +391,23 @@ class MeanField:
         A share that rises by δ lets neighbours bond earlier, by δ over the rate at which it rises.
         """
         risen = np.maximum.accumulate(share)
+        numbers, logs = np.arange(share.size), np.log(self.times)
+        slopes = np.diff(risen) / np.diff(logs)
         back = np.zeros((share.size, share.size))
-        logs = np.log(self.times)
-        steps = np.diff(factors, axis=1)
-        for slot in range(at.shape[1]):
-            inside = np.flatnonzero(
-                np.isfinite(at[:, slot]) & (at[:, slot] > self.times[0])
-            )
-            moment = at[inside, slot]
-            cell = np.clip(
-                np.searchsorted(logs, np.log(moment)) - 1, 0, share.size - 2
-            )
-            part = np.clip(
-                (np.log(moment) - logs[cell]) / (logs[cell + 1] - logs[cell]),
-                0.0,
-                1.0,
-            )
+        for bonded, step in zip(at.T, np.diff(factors, axis=1).T, strict=True):
+            inside = np.isfinite(bonded) & (bonded > self.times[0])
+            if not inside.any():
+                continue
+            moment = bonded[inside]
+            place = np.interp(np.log(moment), logs, numbers)
             rate = (
-                (risen[cell + 1] - risen[cell])
-                / (logs[cell + 1] - logs[cell])
-                / moment
+                slopes[np.minimum(place.astype(np.int64), share.size - 2)] / moment
             )
             # dτ/dT = −(factor after − factor before), dT/dshare = −1/rate
             gain = np.divide(
-                steps[inside, slot], rate, out=np.zeros_like(rate), where=rate > 0
+                step[inside], rate, out=np.zeros_like(rate), where=rate > 0
             )
             effect = by_tau[:, inside] * gain * (self.times[:, None] > moment)
-            back += _scatter(effect * (1 - part), cell, share.size) + _scatter(
-                effect * part, cell + 1, share.size
-            )
+            near = np.clip(1 - np.abs(place[:, None] - numbers), 0.0, 1.0)
+            back += algebra.product(effect, near)
         return back / len(at)
-
-
-def _scatter(values: np.ndarray, column: np.ndarray, size: int) -> np.ndarray:
-    """(l, size): sums of ``values`` (l, e) by ``column`` (e,)."""
-    order = np.argsort(column, kind="stable")
-    total = np.concatenate(
-        [np.zeros((len(values), 1)), np.cumsum(values[:, order], axis=1)], axis=1
-    )
-    edges = np.searchsorted(column[order], np.arange(size + 1))
-    return total[:, edges[1:]] - total[:, edges[:-1]]
