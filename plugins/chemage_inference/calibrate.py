@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage import InputError, Scene
+from chemage import InputError, Scene, load_scene
 from chemage.plugin import (
     algebra,
     checked_count,
@@ -45,7 +45,7 @@ from chemage_inference.problem import (
     Unknowns,
     redrawn_outside,
 )
-from chemage_inference.result import UnexplainedError, scene_of
+from chemage_inference.result import UnexplainedError
 from chemage_inference.sampling import Chain, warm
 
 #: sweeps of the prior between two truths, and of each chain of an inference; samples that are kept
@@ -127,7 +127,7 @@ def calibrate(
     InputError
         The scene has an interaction, whose simulated part belongs to one density; or a loads' calibration was given.
     """
-    scene = scene_of(scene).completed()
+    scene = load_scene(scene).completed()
     chemistry = check_scene(scene)
     if chemistry.interaction is not None:
         raise InputError(

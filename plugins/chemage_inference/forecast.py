@@ -32,6 +32,7 @@ from chemage_inference.forward import (
     largest_lowering,
     make_condition,
 )
+from chemage_inference.problem import LOAD
 
 #: shares of the probability that bands hold
 LEVELS = (0.68, 0.90, 0.95)
@@ -236,22 +237,22 @@ def _in_few(values: np.ndarray) -> np.ndarray:
 
 
 class Forecaster:
-    """ΔF of every sample of a density at any condition; contacts are solved once."""
+    """ΔF of ``rows`` of the samples of an inference at any condition; contacts are solved once."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        energies: np.ndarray,
-        samples: np.ndarray,
-        visible: np.ndarray,
-        scalars: Mapping[str, np.ndarray],
-        seed: int,
-    ) -> None:
-        self.scene, self.samples, self.visible = scene, samples, visible
-        self.scalars, self.seed = scalars, seed
+    def __init__(self, one: Any, scene: Scene, rows: np.ndarray) -> None:
+        #: an :class:`chemage_inference.result.Inference`
+        self.one, self.scene = one, scene
+        self.samples = one.samples[rows]
+        # the load is that of the forecast, whatever the stated ones were
+        self.scalars = {
+            name: values[rows]
+            for name, values in one.scalars.items()
+            if name != LOAD
+        }
         self.chemistry = check_scene(scene)
-        step = float(energies[-1] - energies[0]) / (energies.size - 1)
-        self.grid = EnergyGrid(float(energies[0]), step, energies.size)
+        first, last = one.energies[[0, -1]].tolist()
+        count = one.energies.size
+        self.grid = EnergyGrid(first, (last - first) / (count - 1), count)
         self.contacts = Contacts(scene)
 
     def predicted(
@@ -266,41 +267,34 @@ class Forecaster:
 
         ``calibrated``: neighbours are simulated, beyond their mean field.
         """
-        predicted = np.empty((len(self.samples), times.size))
+        size, seed = len(self.samples), self.one.seed
+        predicted = np.empty((size, times.size))
         matrix = np.zeros((times.size, self.grid.count))
-        noise = np.random.default_rng([self.seed, 53]).standard_normal(
-            len(self.samples)
-        )
+        noise = np.random.default_rng([seed, 53]).standard_normal(size)
         chemistry, scalars = self.chemistry, dict(self.scalars)
-        own = np.full(len(self.samples), chemistry.bond_force)
+        own = np.full(size, chemistry.bond_force)
         factor = scalars.pop("bond_force", own) / own
         if chemistry.interaction is not None:  # each value is simulated
             scalars = {name: _in_few(values) for name, values in scalars.items()}
-        keys = np.stack([*scalars.values(), np.zeros(own.size)], axis=1)
+        keys = np.stack([*scalars.values(), np.zeros(size)], axis=1)
         for values in np.unique(keys, axis=0):
-            here = np.flatnonzero((keys == values).all(axis=1))
+            here = (keys == values).all(axis=1)
             changed = dict(zip(scalars, values.tolist(), strict=False))
-            contact = self.contacts.at(load)
             condition = make_condition(
                 chemistry.replace(**changed),
-                contact,
+                self.contacts.at(load),
                 temperature,
                 times,
                 self.grid,
-                self.seed,
+                seed,
             )
             mean = self.samples[here].mean(axis=0)
+            if calibrated:
+                condition.calibrate(mean, self.scene, seed)
             value, matrix = condition.linear(mean)
-            if condition.interacting and calibrated:
-                condition.calibrate(mean, self.scene, self.seed)
-                value, matrix = condition.linear(mean)
             part = value + algebra.product(self.samples[here] - mean, matrix.T)
-            predicted[here] = part * (
-                1
-                + noise[here, None]
-                * condition.correction_error
-                / condition.correction
-            )
+            scatter = noise[here, None] * condition.correction_error
+            predicted[here] = part * (1 + scatter / condition.correction)
         return np.maximum(predicted * factor[:, None], 0.0), matrix
 
     def conditions(
@@ -325,12 +319,8 @@ class Forecaster:
             hold_times = spaced(1e-3, 1e5, 4) if hold is None else hold.hold_times
         times = check_times(hold_times)
         if not (times > 0).any():
-            raise InputError.of(
-                "hold_times",
-                times.tolist(),
-                "must have a time above zero",
-                "nothing has aged at 0 s",
-            )
+            problem, why = "must have a time above zero", "nothing has aged at 0 s"
+            raise InputError.of("hold_times", times.tolist(), problem, why)
         return newton, kelvin, times[times > 0]
 
     def forecast(
@@ -338,7 +328,6 @@ class Forecaster:
         load: units.QuantityLike | None,
         temperature: units.QuantityLike | None,
         hold_times: Sequence[float] | np.ndarray | None,
-        provenance: dict[str, Any],
     ) -> Forecast:
         """A forecast; what is None is as in the scene."""
         newton, kelvin, times = self.conditions(load, temperature, hold_times)
@@ -348,25 +337,22 @@ class Forecaster:
                 newton, kelvin, unique, calibrated=True
             )
         parts = np.abs(matrix * self.samples.mean(axis=0))
-        unseen = parts[:, ~self.visible].sum(axis=1) / np.maximum(
-            parts.sum(axis=1), 1e-300
-        )
+        hidden = parts[:, ~self.one.visible].sum(axis=1)
+        unseen = hidden / np.maximum(parts.sum(axis=1), 1e-300)
         notes = []
         last, chemistry = float(self.grid.nodes[-1]), self.chemistry
         # a site of this barrier reacts at the hold time, with the width of a step, under the largest pressure
+        steps = np.log(chemistry.attempt_frequency * unique) + 1.0
         lowering = largest_lowering(self.contacts.at(newton), chemistry)
-        reached = (
-            KB * kelvin * (np.log(chemistry.attempt_frequency * unique) + 1.0)
-            + lowering
-        )
-        if reached.max() > last:
+        beyond = KB * kelvin * steps + lowering > last
+        if beyond.any():
             notes.append(
-                f"from {unique[int(np.argmax(reached > last))]:.3g} s on, barriers above {last:.3f} eV react, beyond "
+                f"from {unique[beyond.argmax()]:.3g} s on, barriers above {last:.3f} eV react, beyond "
                 "the energies of the inference; they are counted as never bonding, so that the prediction is a lower "
                 "bound"
             )
-        if unseen.max() > UNSEEN:
-            worst = int(np.argmax(unseen))
+        worst = unseen.argmax()
+        if unseen[worst] > UNSEEN:
             notes.append(
                 f"{_when(unique, unseen > UNSEEN)}, more than {100 * UNSEEN:.0f} % of the predicted friction comes "
                 f"from energies that the data do not see ({100 * unseen[worst]:.0f} % at {unique[worst]:.3g} s); that "
@@ -377,16 +363,19 @@ class Forecaster:
             temperature=kelvin,
             hold_times=times,
             samples=samples[:, place],
-            unseen=float(unseen.max()),
+            unseen=float(unseen[worst]),
             notes=tuple(notes),
-            provenance=provenance,
+            provenance={
+                "scene": self.scene.todict(),
+                "versions": self.one.provenance.get("versions", {}),
+                "seed": self.one.seed,
+            },
         )
 
     def ranked(
         self,
         candidates: Sequence[Mapping[str, Any]],
         target: Mapping[str, Any] | None,
-        resolution: float,
         relative_error: float,
     ) -> list[dict[str, Any]]:
         """The candidates by how much each reduces the variance of the target, the best first.
@@ -395,111 +384,76 @@ class Forecaster:
         are normal: the covariances are those of the samples.
         """
         if not isinstance(candidates, list | tuple) or not candidates:
-            raise InputError.of(
-                "candidates",
-                candidates,
-                "must be a list with at least one planned measurement",
-            )
+            problem = "must be a list with at least one planned measurement"
+            raise InputError.of("candidates", candidates, problem)
         if not 0 < relative_error < 10:
-            raise InputError.of(
-                "relative_error",
-                relative_error,
-                "must be above zero",
-                "3 % is 0.03",
-            )
-        goals = self._goals(target, resolution)
+            problem, remedy = "must be above zero", "3 % is 0.03"
+            raise InputError.of("relative_error", relative_error, problem, remedy)
+        goals = self._goals(target)
         goals = goals - goals.mean(axis=0)
         total = float(goals.var(axis=0).sum())
         if not total > 0:
-            raise InputError.of(
-                "target",
-                target,
-                "has no variance in the samples, so that nothing can narrow it",
+            problem = (
+                "has no variance in the samples, so that nothing can narrow it"
             )
-        plans: list[tuple[float, float, float, Any]] = []
-        times: dict[tuple[float, float], list[float]] = {}
+            raise InputError.of("target", target, problem)
+        rows = []
         for number, candidate in enumerate(candidates):
-            plan = stated(f"candidates.{number}", candidate, PLAN)
+            where = f"candidates.{number}"
+            plan = stated(where, candidate, PLAN)
             if "hold_time" not in plan:
                 remedy = 'give {"hold_time": 10.0, "load": 50.0}'
-                raise InputError.of(
-                    f"candidates.{number}", candidate, "has no hold_time", remedy
-                )
-            load, kelvin, time = self._at(plan)
-            plans.append((load, kelvin, time, plan.get("error", "")))
-            times.setdefault((load, kelvin), []).append(time)
-        with self.scene.in_use():
-            values = {
-                key: dict(
-                    zip(
-                        np.unique(every),
-                        self.predicted(*key, np.unique(every))[0].T.copy(),
-                        strict=True,
-                    )
-                )
-                for key, every in times.items()
-            }
-        rows = []
-        for candidate, (load, kelvin, time, error) in zip(
-            candidates, plans, strict=True
-        ):
-            value = values[load, kelvin][time]
-            if isinstance(error, str):
-                error = (convert(error, "") if error else relative_error) * float(
-                    value.mean()
-                )
-            covariance = algebra.product(value - value.mean(), goals) / len(value)
-            gain = float((covariance**2).sum() / (value.var() + error**2))
-            rows.append(
-                {
-                    **candidate,
-                    "load": load,
-                    "temperature": kelvin,
-                    "hold_time": time,
-                    "error": error,
-                    "expected": float(value.mean()),
-                    "reduction": gain / total,
-                    "deviation": float(
-                        np.sqrt(max(total - gain, 0.0) / goals.shape[1])
-                    ),
-                }
-            )
+                raise InputError.of(where, candidate, "has no hold_time", remedy)
+            error = {"error": plan.get("error", str(relative_error))}
+            rows.append({**candidate, **self._at(plan), **error})
+        for values, row in zip(self._expected(rows), rows, strict=True):
+            row["expected"] = float(values.mean())
+            if isinstance(row["error"], str):  # a share
+                row["error"] = convert(row["error"], "") * row["expected"]
+            covariance = algebra.product(values - row["expected"], goals)
+            squares = float(((covariance / len(values)) ** 2).sum())
+            gain = squares / float(values.var() + row["error"] ** 2)
+            row["reduction"] = gain / total
+            left = max(total - gain, 0.0) / goals.shape[1]
+            row["deviation"] = float(np.sqrt(left))
         return sorted(rows, key=lambda row: -row["reduction"])
 
-    def _at(self, plan: Mapping[str, Any]) -> tuple[float, float, float]:
+    def _at(self, plan: Mapping[str, Any]) -> dict[str, float]:
         """Load (nN), temperature (K) and hold time (s) of a plan or target."""
-        load, kelvin, times = self.conditions(
+        load, kelvin, (time,) = self.conditions(
             plan.get("load"), plan.get("temperature"), [plan["hold_time"]]
         )
-        return load, kelvin, float(times[0])
+        return {"load": load, "temperature": kelvin, "hold_time": float(time)}
 
-    def _goals(
-        self, target: Mapping[str, Any] | None, resolution: float
-    ) -> np.ndarray:
+    def _expected(self, plans: Sequence[Mapping[str, Any]]) -> np.ndarray:
+        """(k, S) nN: what the samples predict of plans that :meth:`_at` has completed."""
+        values = np.empty((len(plans), len(self.samples)))
+        conditions = [(plan["load"], plan["temperature"]) for plan in plans]
+        for one in dict.fromkeys(conditions):
+            here = [at for at, other in enumerate(conditions) if other == one]
+            every = [plans[at]["hold_time"] for at in here]
+            times, place = np.unique(every, return_inverse=True)
+            with self.scene.in_use():
+                predicted, _ = self.predicted(*one, times)
+            values[here] = predicted.T[place]
+        return values
+
+    def _goals(self, target: Mapping[str, Any] | None) -> np.ndarray:
         """(S, k) what is wanted, of each sample."""
-        nodes = self.grid.nodes
+        one, nodes = self.one, self.grid.nodes
         wanted = checked_target("target", target or {})
         if "hold_time" in wanted:
-            load, kelvin, time = self._at(wanted)
-            with self.scene.in_use():
-                return self.predicted(load, kelvin, np.array([time]))[0]
-        mean = averaging(nodes, resolution)
-        if not wanted:
-            return algebra.product(
-                self.samples,
-                mean[self.visible if self.visible.any() else slice(None)].T,
-            )
-        energy = wanted["energy"]
-        if not nodes[0] <= energy <= nodes[-1]:
-            remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
-            raise InputError.of(
-                "target.energy",
-                energy,
-                "is outside the energies of the density",
-                remedy,
-            )
-        at = int(np.argmin(np.abs(nodes - energy)))
-        return algebra.product(self.samples, mean[[at]].T)
+            return self._expected([self._at(wanted)]).T
+        chosen = one.visible if one.visible.any() else slice(None)
+        if wanted:
+            energy = wanted["energy"]
+            if not nodes[0] <= energy <= nodes[-1]:
+                problem = "is outside the energies of the density"
+                remedy = f"{nodes[0]:.3f} to {nodes[-1]:.3f} eV"
+                raise InputError.of("target.energy", energy, problem, remedy)
+            chosen = [np.abs(nodes - energy).argmin()]
+        mean = averaging(nodes, one.resolution)
+        return algebra.product(self.samples, mean[chosen].T)
 
 
 def _when(times: np.ndarray, over: np.ndarray) -> str:

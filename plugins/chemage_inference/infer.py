@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage import InputError, PlanWarning, Scene
+from chemage import InputError, PlanWarning, Scene, load_scene
 from chemage import errors as in_words
 from chemage.plugin import (
     KB,
@@ -39,7 +39,7 @@ from chemage_inference.problem import (
     unknowns_of,
     values_of,
 )
-from chemage_inference.result import Inference, scene_of
+from chemage_inference.result import Inference
 from chemage_inference.sampling import CHAINS, Samples
 
 #: what is kept of each curve
@@ -122,7 +122,7 @@ def infer(
         No density explains the data: with the best fit and where it fails.
     """
     begin = time.process_time()
-    scene = scene_of(scene).completed()
+    scene = load_scene(scene).completed()
     chemistry = check_scene(scene)
     load_error, nuisances = calibrations(calibration)
     error_model = ErrorModel.of(errors, **nuisances)

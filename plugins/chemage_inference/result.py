@@ -44,7 +44,7 @@ from chemage_inference.forecast import (
 )
 from chemage_inference.noise import SUSPECT
 from chemage_inference.open import datatree, statistics
-from chemage_inference.problem import LOAD, UNITS
+from chemage_inference.problem import UNITS
 
 #: the unit of a pure number
 ONE = "1"
@@ -233,11 +233,7 @@ class Inference(Record):
     def visible_range(self) -> tuple[float, float]:
         """Lowest and highest visible energy, eV; nan where there is none."""
         seen = self.energies[self.visible]
-        return (
-            (float(seen[0]), float(seen[-1]))
-            if seen.size
-            else (float("nan"), float("nan"))
-        )
+        return (float(seen[0]), float(seen[-1])) if seen.size else (np.nan, np.nan)
 
     @property
     def converged(self) -> bool:
@@ -303,21 +299,18 @@ class Inference(Record):
     @property
     def measured(self) -> tuple[MeasuredCurve, ...]:
         """The measured curves, as ΔF."""
-        return tuple(
-            MeasuredCurve(
-                name=about["name"],
-                load=about["load"],
-                temperature=about["temperature"],
-                temperature_unit=about.get("temperature_unit", ""),
-                hold_times=self.hold_times[self.curve == number],
-                values=self.values[self.curve == number],
-                errors=self.errors[self.curve == number],
-                correlation=None
-                if self.near is None
-                else self.near[self.curve == number],
-            )
-            for number, about in enumerate(self.curves)
-        )
+        curves = []
+        for number, about in enumerate(self.curves):
+            here = self.curve == number
+            own = {
+                "quantity": "friction_drop",
+                "hold_times": self.hold_times[here],
+                "values": self.values[here],
+                "errors": self.errors[here],
+                "correlation": None if self.near is None else self.near[here],
+            }
+            curves.append(MeasuredCurve(**{**about, **own}))
+        return tuple(curves)
 
     @cached_property
     def critic(self) -> Critic:
@@ -379,15 +372,9 @@ class Inference(Record):
         samples
             Posterior samples that are carried on.
         """
-        there = self.scene if scene is None else scene_of(scene)
-        provenance = {
-            "scene": there.todict(),
-            "versions": self.provenance.get("versions", {}),
-            "seed": self.seed,
-        }
+        there = self.scene if scene is None else load_scene(scene)
         rows = self._rows(checked_count("samples", samples))
-        forecaster = self._forecaster(there, rows)
-        made = forecaster.forecast(load, temperature, hold_times, provenance)
+        made = Forecaster(self, there, rows).forecast(load, temperature, hold_times)
         notes = self.critic.of_forecast(made.hold_times, made.samples, rows)
         return made.model_copy(update={"notes": (*made.notes, *notes)})
 
@@ -418,30 +405,13 @@ class Inference(Record):
             The candidates, each with ``reduction`` (expected reduction of the variance of the target, as a share of it)
             and ``deviation`` (standard deviation of the target afterwards).
         """
-        return self._forecaster(self.scene, self._rows(1000)).ranked(
-            candidates, target, self.resolution, relative_error
-        )
+        forecaster = Forecaster(self, self.scene, self._rows(1000))
+        return forecaster.ranked(candidates, target, relative_error)
 
     def _rows(self, count: int) -> np.ndarray:
         """Numbers of up to ``count`` samples, evenly spaced."""
         last = len(self.samples) - 1
         return np.linspace(0, last, min(count, last + 1)).astype(int)
-
-    def _forecaster(self, scene: Scene, rows: np.ndarray) -> Forecaster:
-        # the load is that of the forecast, whatever the stated ones were
-        scalars = {
-            name: values[rows]
-            for name, values in self.scalars.items()
-            if name != LOAD
-        }
-        return Forecaster(
-            scene,
-            self.energies,
-            self.samples[rows],
-            self.visible,
-            scalars,
-            self.seed,
-        )
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object with the density, its bands, the scalars, scores and diagnostics."""
@@ -520,13 +490,6 @@ def sampled_quantity(one: Quantity, values: np.ndarray) -> Quantity:
     return with_value.within(*band(values, WIDE), float(values.std()))
 
 
-def scene_of(scene: Scene | str | Path | Mapping[str, Any]) -> Scene:
-    """A scene, of its file, its name or its sections."""
-    if isinstance(scene, Scene):
-        return scene
-    return parse_scene(scene) if isinstance(scene, Mapping) else load_scene(scene)
-
-
 #: group of a file of ``chemage infer`` -> class
 _PARTS: dict[str, type[Record]] = {
     f"forecast_{number}": Forecast for number in range(1, MOST_FORECASTS + 1)
@@ -591,16 +554,8 @@ class InferenceResult:
             labels = asked.get("labels", [])
             experiments = tuple(asked.get("experiments", ()))
             target = str(asked.get("target", ""))
-        labels += [
-            f"forecast {number}"
-            for number in range(len(labels) + 1, len(parts) + 1)
-        ]
-        return cls(
-            inference,
-            dict(zip(labels, parts.values(), strict=False)),
-            experiments,
-            target,
-        )
+            forecasts = dict(zip(labels, parts.values(), strict=True))
+        return cls(inference, forecasts, experiments, target)
 
     def summary(self) -> dict[str, Any]:
         """One JSON-able object."""
