@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BLUE, ORANGE, GREEN, _, GREY, *_ = figures.PALETTE
+#: load and temperature in words
+CONDITIONS = "{:g} nN, {:g} K"
 #: forecasts that are drawn into one panel
 MOST = 4
 
@@ -89,7 +91,7 @@ def draw_density(axes: Axes, medium: object, one: Inference) -> None:
         density = fit["density"]
         label = figures.plain(name)
         axes.plot(e[: len(density)], density, dashes, color=ORANGE, label=label)
-    seen = one.visible if one.visible.any() else np.ones(e.size, dtype=bool)
+    seen = one.visible | (not one.visible.any())
     top = 1.6 * float(max(one.band(WIDE)[1][seen].max(), one.density.max()))
     beyond = 0.4 if np.isfinite(low) else np.inf
     axes.set_xlim(max(e[0], low - beyond), min(e[-1], high + beyond))
@@ -105,16 +107,12 @@ def _families(one: Inference) -> dict[str, Mapping[str, Any]]:
     return {name: fit for name, fit in possible.items() if fit.get("density", ())}
 
 
-def _curves(one: Inference) -> Iterator[tuple[Mapping[str, Any], str, np.ndarray]]:
-    """Of each curve what it is, its colour, and the numbers of its points in the order of the hold times."""
+def _curves(one: Inference) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Of each curve its name, its conditions in words, its colour, and the numbers of its points."""
     for number, about in enumerate(one.curves):
+        key = about["load"], about["temperature"]
         here = np.flatnonzero(one.curve == number)
-        order = np.argsort(one.hold_times[here], kind="stable")
-        yield (
-            about,
-            _colours(one)[about["load"], about["temperature"]],
-            here[order],
-        )
+        yield about["name"], CONDITIONS.format(*key), _colours(one)[key], here
 
 
 def _against_time(axes: Axes, ylabel: str = "friction drop ΔF (nN)") -> None:
@@ -124,11 +122,11 @@ def _against_time(axes: Axes, ylabel: str = "friction drop ΔF (nN)") -> None:
 def draw_data(axes: Axes, medium: object, one: Inference) -> None:
     """Draw the measured friction drop and the bands of the fitted curves."""
     bars = statistics.NORMAL_LIMIT * one.errors
-    for about, colour, here in _curves(one):
+    for name, conditions, colour, here in _curves(one):
         times, fitted = one.hold_times[here], one.fitted[:, here]
         fill_bands(axes, times, fitted, colour)
         axes.plot(times, np.median(fitted, axis=0), color=colour)
-        label = figures.plain(f"{about['name']}: {_conditions(about)}")
+        label = figures.plain(f"{name}: {conditions}")
         axes.errorbar(
             times,
             one.values[here],
@@ -145,10 +143,6 @@ def draw_data(axes: Axes, medium: object, one: Inference) -> None:
     figures.legend(axes, title=note, alignment="left")
 
 
-def _conditions(about: Mapping[str, Any]) -> str:
-    return f"{about['load']:g} nN, {about['temperature']:g} K"
-
-
 def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
     """Mark the suspect points."""
     if (off := one.is_suspect).any():
@@ -161,7 +155,7 @@ def _ring(axes: Axes, one: Inference, values: np.ndarray) -> None:
 def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
     """Draw measured minus fitted in standard errors."""
     axes.axhspan(-2, 2, color=GREY, alpha=0.15)
-    for _, colour, here in _curves(one):
+    for *_, colour, here in _curves(one):
         axes.plot(
             one.hold_times[here], one.residuals[here], "o", ms=3, color=colour
         )
@@ -174,7 +168,7 @@ def draw_residuals(axes: Axes, medium: object, one: Inference) -> None:
 def draw_predictive(axes: Axes, medium: object, one: Inference) -> None:
     """Draw what prior and posterior predict of the measurements, the scatter of a measurement included."""
     rng = np.random.default_rng(0)
-    for number, (_, _, here) in enumerate(_curves(one)):
+    for number, (*_, here) in enumerate(_curves(one)):
         times = one.hold_times[here]
         for samples, colour, what in (
             (one.prior_fitted, GREY, "prior, 90 % band"),
@@ -214,16 +208,17 @@ def draw_forecasts(
 ) -> None:
     """Draw the forecasts ``shown`` with their bands, and the measurements, with one colour for each load and
     temperature."""
-    for about, colour, here in _curves(one):
-        label = figures.plain(f"measured: {_conditions(about)}")
+    for _, conditions, colour, here in _curves(one):
+        label = figures.plain(f"measured: {conditions}")
         times, values = one.hold_times[here], one.values[here]
         axes.plot(times, values, "o", ms=3, mfc="none", color=colour, label=label)
+    colours = _colours(one, of.values())
     for label in shown:
         forecast = of[label]
-        about = {"load": forecast.load, "temperature": forecast.temperature}
-        colour = _colours(one, of.values())[forecast.load, forecast.temperature]
-        times, (low, high) = forecast.hold_times, forecast.band(WIDE)
-        where = f" ({_conditions(about)})" * ("=" not in label)
+        key = forecast.load, forecast.temperature
+        colour, times = colours[key], forecast.hold_times
+        low, high = forecast.band(WIDE)
+        where = "" if "=" in label else f" ({CONDITIONS.format(*key)})"
         name = figures.plain(label + where + unseen_text(forecast))
         # a single hold time is a mark
         marker = "o" if times.size == 1 else ""
@@ -258,41 +253,6 @@ def draw_scalar(axes: Axes, medium: object, one: Inference, scalar: str) -> None
 
 #: inches of one figure
 _FILE = 6.4, 4.4
-#: what draws each panel, and its caption
-_DRAWN: dict[str, tuple[Any, str]] = {
-    "density": (
-        draw_density,
-        (
-            "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band of "
-            "the prior (grey).{families} Outside the shaded energies the data tell sums only."
-        ),
-    ),
-    "data": (
-        draw_data,
-        "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
-    ),
-    "residuals": (
-        draw_residuals,
-        "Residuals in standard errors; shaded: two standard errors.",
-    ),
-    "predictive": (
-        draw_predictive,
-        "What the prior and the posterior predict of the measurements, 90 % bands.",
-    ),
-    "forecasts": (
-        draw_forecasts,
-        (
-            "Forecasts at conditions that were not measured: median, 68 and 90 % bands of the posterior; dashed: bounds "
-            "of 90 % where nearly all is unseen."
-        ),
-    ),
-    "unknowns": (
-        draw_scalar,
-        "Samples of the unknown scalars within the bounds of their priors.",
-    ),
-}
-
-
 #: what errors are of chains that do not agree
 NOT_CONVERGED = "no band of the posterior: chains have not converged"
 
@@ -307,33 +267,33 @@ class InferenceDisplay(OfRecord[Inference]):
 
     def __init__(self, result: InferenceResult) -> None:
         super().__init__(result.inference)
-        self.result, self.inference = result, result.inference
-        if not self.inference.converged:
+        self.result = result
+        if not result.inference.converged:
             self.errors = NOT_CONVERGED
 
     @property
     def title(self) -> str:
-        return title(self.inference)
+        return title(self.record)
 
     @property
     def heading(self) -> str:
-        one, bands = self.inference, "medians, 90 % intervals"
+        one, bands = self.record, "medians, 90 % intervals"
         return f"{self.title}; {bands if one.converged else 'not converged'}"
 
     def facts(self) -> Rows:
-        return facts(self.inference)
+        return facts(self.record)
 
     def quantities(self) -> list[Quantity]:
-        return [*quantities(self.inference), *shares(self.inference)]
+        return [*quantities(self.record), *shares(self.record)]
 
     def numbers(self) -> dict[str, Any]:
         return self.result.summary()
 
     def summary(self) -> Rows:
-        low, high = self.inference.visible_range
+        low, high = self.record.visible_range
         seen = f"{low:.2f} to {high:.2f} eV" if math.isfinite(low) else "none"
         rows = [(seen, "energies that the data see")]
-        if there := peaks(self.inference):
+        if there := peaks(self.record):
             places = " and ".join(f"{peak.energy:.2f}" for peak in there)
             what = "peak" if len(there) == 1 else "peaks"
             rows.append((f"{places} eV", f"{what} of the density"))
@@ -343,7 +303,7 @@ class InferenceDisplay(OfRecord[Inference]):
         def predict(
             load: float, temperature: float, hold_times: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray]:
-            made = self.inference.forecast(
+            made = self.record.forecast(
                 load=load, temperature=temperature, hold_times=hold_times
             )
             return made.median, np.atleast_2d(np.cov(made.samples.T))
@@ -356,7 +316,7 @@ class InferenceDisplay(OfRecord[Inference]):
             for label, one in self.result.forecasts.items()
             for note in one.notes
         )
-        return [*self.inference.notes, *dict.fromkeys(of_forecasts)]
+        return [*self.record.notes, *dict.fromkeys(of_forecasts)]
 
     def completed(self, path: Path) -> InferenceDisplay:
         return InferenceDisplay(InferenceResult.read(path))
@@ -368,17 +328,17 @@ class InferenceDisplay(OfRecord[Inference]):
         }
 
     def made_by(self) -> Mapping[str, Any]:
-        return {"scene": self.inference.provenance.get("scene", {})}
+        return {"scene": self._made.get("scene", {})}
 
     def stated(self) -> tuple[str, Mapping[str, Any]]:
         about = (
             "The scene that says everything but the density, in internal units (nm, nN, GPa, eV, s, K). Its section "
             "forming, its load, temperature and hold times were not used."
         )
-        return about, _without_none(self.inference.provenance.get("scene") or {})
+        return about, self._made.get("scene", {})
 
     def tables(self) -> list[Table]:
-        result, one, tables = self.result, self.inference, []
+        result, one, tables = self.result, self.record, []
         if families := family_rows(one):
             title = (
                 "Left-out hold times: log predictive score less that of the best"
@@ -396,29 +356,27 @@ class InferenceDisplay(OfRecord[Inference]):
             head, most = "Next measurements", MOST_EXPERIMENTS
             tables.append(Table(title, columns, plans, head, most=most))
         printed = [replace(table, in_detail=False) for table in tables]
-        return [*printed, self._measurements()]
-
-    def _measurements(self) -> Table:
-        one = self.inference
-        low, high = np.quantile(one.fitted, (0.05, 0.95), axis=0)
-        rows = []
-        for at, number in enumerate(one.curve.tolist()):
-            about = one.curves[number]
-            rows.append(
-                (
-                    f"{one.hold_times[at]:.5g}",
-                    f"{about['name']}: {_conditions(about)}",
-                    f"{one.values[at]:.4g} ± {one.errors[at]:.2g}",
-                    f"{low[at]:.4g} to {high[at]:.4g}",
-                    f"{one.residuals[at]:+.1f}",
-                )
-            )
         measured = "hold time (s)", "curve", "ΔF (nN), standard error"
         columns = *measured, "fitted, 90 % (nN)", "residual"
-        return Table("", columns, rows, "Measurements")
+        return [*printed, Table("", columns, self._measurements(), "Measurements")]
+
+    def _measurements(self) -> list[tuple[str, ...]]:
+        one = self.record
+        low, high = band(one.fitted, WIDE)
+        return [
+            (
+                f"{one.hold_times[at]:.5g}",
+                f"{name}: {conditions}",
+                f"{one.values[at]:.4g} ± {one.errors[at]:.2g}",
+                f"{low[at]:.4g} to {high[at]:.4g}",
+                f"{one.residuals[at]:+.1f}",
+            )
+            for name, conditions, _, here in _curves(one)
+            for at in here
+        ]
 
     def columns(self) -> dict[str, Any]:
-        one = self.inference
+        one = self.record
         bands = _band_columns(one, "1/eV")
         return {
             "energy (eV)": one.energies,
@@ -428,7 +386,7 @@ class InferenceDisplay(OfRecord[Inference]):
         }
 
     def provenance(self) -> Rows:
-        one = self.inference
+        one = self.record
         return [
             ("seed", str(one.seed)),
             *(
@@ -439,34 +397,63 @@ class InferenceDisplay(OfRecord[Inference]):
         ]
 
     def pictures(self) -> dict[str, Picture]:
-        one, forecasts = self.inference, self.result.forecasts
-        families = " Orange: families of densities." if _families(one) else ""
+        one, forecasts = self.record, self.result.forecasts
 
         def panel(
-            key: str, alt: str, height: float = 3.6, name: str = "", **more: Any
+            draw: Any, name: str, caption: str, alt: str, height: float, **more: Any
         ) -> Panel:
-            draw, caption = _DRAWN[key]
-            drawn, caption = (
-                partial(draw, one=one, **more),
-                caption.format(families=families),
-            )
-            return Panel(drawn, caption, alt, (4.9, height), name=name or key)
+            drawn = partial(draw, one=one, **more)
+            return Panel(drawn, caption, alt, (4.9, height), name=name)
 
         low, high = one.visible_range
-        seen = f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}."
-        up_to = f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN."
-        worst = f"Residuals in standard errors; the largest is {np.abs(one.residuals).max():.1f}."
-        predicted = "Bands of what prior and posterior predict of the measurements."
-        data = panel("data", up_to), panel("residuals", worst, 2.6)
+        families = " Orange: families of densities." if _families(one) else ""
+        density = panel(
+            draw_density,
+            "density",
+            "Density of forming barriers: mean, 68 and 90 % bands of the posterior, and upper end of the 90 % band of "
+            f"the prior (grey).{families} Outside the shaded energies the data tell sums only.",
+            f"Density of barriers; visible from {low:.2f} to {high:.2f} eV: {density_text(one)}.",
+            4.2,
+        )
+        data = panel(
+            draw_data,
+            "data",
+            "Measured friction drop (bars: 95 %) with the 68 and 90 % bands of the fitted curves.",
+            f"Measured friction drop, up to {one.values[np.argmax(one.hold_times)]:.3g} nN.",
+            3.6,
+        )
+        residuals = panel(
+            draw_residuals,
+            "residuals",
+            "Residuals in standard errors; shaded: two standard errors.",
+            f"Residuals in standard errors; the largest is {np.abs(one.residuals).max():.1f}.",
+            2.6,
+        )
+        predictive = panel(
+            draw_predictive,
+            "predictive",
+            "What the prior and the posterior predict of the measurements, 90 % bands.",
+            "Bands of what prior and posterior predict of the measurements.",
+            3.6,
+        )
         pictures = {
-            "density": Picture([panel("density", seen, 4.2)], _FILE),
-            "data": Picture(data, (6.4, 5.6), columns=1),
-            "predictive": Picture([panel("predictive", predicted)], _FILE),
+            "density": Picture([density], _FILE),
+            "data": Picture([data, residuals], (6.4, 5.6), columns=1),
+            "predictive": Picture([predictive], _FILE),
         }
-        every, alt = list(forecasts), f"Forecasts: {_forecasts_text(forecasts)}."
+        every = list(forecasts)
         groups = [every[at : at + MOST] for at in range(0, len(every), MOST)]
         drawn = [
-            panel("forecasts", alt, 3.6, "-".join(some), of=forecasts, shown=some)
+            panel(
+                draw_forecasts,
+                "-".join(some),
+                "Forecasts at conditions that were not measured: median, 68 and 90 % bands of the posterior; dashed: "
+                "bounds of 90 % where nearly all is unseen.",
+                f"Forecasts: {_forecasts_text(forecasts)}.",
+                3.6,
+                of=forecasts,
+                shown=some,
+            )
             for some in groups
         ]
         if drawn:
@@ -475,10 +462,11 @@ class InferenceDisplay(OfRecord[Inference]):
             pictures["forecasts"] = Picture(drawn, size, columns)
         drawn = [
             panel(
-                "unknowns",
+                draw_scalar,
+                name,
+                "Samples of the unknown scalars within the bounds of their priors.",
                 f"Histogram of the samples of {name}.",
                 2.8,
-                name,
                 scalar=name,
             )
             for name in one.scalars
@@ -531,15 +519,6 @@ def _band_columns(one: Inference | Forecast, unit: str) -> dict[str, Any]:
         for end, values in zip(("low", "high"), one.band(level), strict=True):
             ends[f"{end} {100 * level:.0f} % ({unit})"] = values
     return ends
-
-
-def _without_none(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Scene data without what is None, for which TOML has no word."""
-    return {
-        name: _without_none(value) if isinstance(value, Mapping) else value
-        for name, value in scene.items()
-        if value is not None
-    }
 
 
 def _short(value: object) -> str:
