@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,133 +15,51 @@ if TYPE_CHECKING:
     from chemage import Scene
     from chemage.plugin import progress
     from chemage_inference.curves import MeasuredCurve
-    from chemage_inference.result import (
-        Inference,
-        InferenceResult,
-        UnexplainedError,
-    )
+    from chemage_inference.result import InferenceResult, UnexplainedError
 
 #: hold times per decade of a range, in a forecast and among planned measurements
 PER_DECADE, PLANNED_PER_DECADE = 4, 1
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What is asked of an inference beside the density, checked before anything is computed."""
-
-    #: label -> arguments of :meth:`Inference.forecast`
-    forecasts: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    candidates: Sequence[Mapping[str, Any]] = ()
-    target: Mapping[str, Any] | None = None
-    #: the target in words
-    target_text: str = ""
-
-
-def read_wishes(
-    predict: Sequence[str], planned: Sequence[str], target: str | None
-) -> Wishes:
-    """Read ``--predict``, ``--next`` and ``--target``.
-
-    Raises
-    ------
-    InputError
-        Naming the option, the word that is wrong, and how to write it.
-    """
-    from chemage_inference.forecast import checked_target
+def read_forecasts(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Read ``--predict``: label -> arguments of :meth:`Inference.forecast`."""
+    from chemage import load_scene
+    from chemage_inference.forecast import stated
     from chemage_inference.result import MOST_FORECASTS
 
-    forecasts: dict[str, Mapping[str, Any]] = {}
-    for text in predict:
-        arguments = _forecast(text)
-        parts = [part.strip() for part in text.split(",") if part.strip()]
+    forecasts: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        words = _pairs("--predict", text)
         # the last hold time stands beside the label
-        label = (
-            ", ".join(part for part in parts if not part.startswith("hold_time"))
-            or "as in the scene"
-        )
-        label = label if label not in forecasts else ", ".join(parts)
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        named = [part for part in parts if not part.startswith("hold_time")]
+        label = ", ".join(named) or "as in the scene"
+        if label in forecasts:
+            label = ", ".join(parts)
         if label in forecasts:
             raise options.user_error(f"--predict {text}: given twice")
-        forecasts[label] = arguments
+        asked = forecasts[label] = {}
+        if "scene" in words:
+            asked["scene"] = load_scene(str(words.pop("scene")))
+        if "hold_time" in words:
+            time = words.pop("hold_time")
+            asked["hold_times"] = _times("--predict", time, PER_DECADE)
+        known = "load", "temperature", "hold_time", "scene"
+        asked |= stated("--predict", words, known)
     if len(forecasts) > MOST_FORECASTS:
         raise options.user_error(
             f"--predict: {len(forecasts)} forecasts; one file holds {MOST_FORECASTS}"
         )
-    candidates = [plan for text in planned for plan in _candidates(text)]
-    if target is not None and not candidates:
-        raise options.user_error(
-            "--target is what planned measurements are to narrow; give them with --next"
-        )
-    if target is None:
-        everything = "the density at all visible energies"
-        return Wishes(forecasts, candidates, None, everything)
-    wanted = checked_target("--target", _pairs("--target", target))
-    return Wishes(forecasts, candidates, wanted, target.strip())
+    return forecasts
 
 
-def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
-    """Read ``--unknown NAME`` and ``--unknown "NAME=LOW to HIGH"``: names, or names with their bounds."""
-    names: list[str] = []
-    bounds: dict[str, tuple[str, str]] = {}
-    for text in texts:
-        name, equals, value = (part.strip() for part in text.partition("="))
-        if name in names:
-            raise options.user_error(f"--unknown {text}: {name} is given twice")
-        names.append(name)
-        if equals:
-            low, to, high = (part.strip() for part in value.partition(" to "))
-            if not (low and to and high):
-                raise options.user_error(
-                    f'--unknown {text}: write the bounds as LOW to HIGH, such as "bond_force=1 nN to 10 nN"'
-                )
-            bounds[name] = low, high
-    if bounds and len(bounds) < len(names):
-        bare = ", ".join(name for name in names if name not in bounds)
-        raise options.user_error(
-            f"--unknown {bare}: give bounds for all unknowns, or for none"
-        )
-    return bounds or names
-
-
-def read_calibration(text: str | None) -> Any:
-    """Read ``--calibration "10 %"`` or ``"force=10 %, drift=2 %, offset=0.5 nN, load=5 %"``."""
-    if text is None or "=" not in text:
-        return text or 0.0
-    return _pairs("--calibration", text)
-
-
-def read_families(text: str | None) -> Sequence[str]:
-    """Read ``--families NAME,NAME`` or ``none``."""
-    from chemage_inference.infer import FAMILIES
-
-    if text is None:
-        return FAMILIES
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    return () if names == ["none"] else tuple(dict.fromkeys(names))
-
-
-def _forecast(text: str) -> Mapping[str, Any]:
-    from chemage import load_scene
-    from chemage_inference.forecast import stated
-
-    words = _pairs("--predict", text)
-    arguments: dict[str, Any] = {}
-    if (where := words.pop("scene", None)) is not None:
-        arguments["scene"] = load_scene(str(where))
-    if (time := words.pop("hold_time", None)) is not None:
-        arguments["hold_times"] = _times("--predict", time, PER_DECADE)
-    return arguments | stated(
-        "--predict", words, ("load", "temperature", "hold_time", "scene")
-    )
-
-
-def _candidates(text: str) -> list[dict[str, Any]]:
+def read_plans(text: str) -> list[dict[str, Any]]:
+    """Read ``--next``, conditions or a table, as planned measurements for :meth:`Inference.next_experiment`."""
     from chemage_inference.forecast import PLAN, stated
 
-    if text.strip().lower().endswith(".csv") or (
-        "=" not in text and Path(text).exists()
-    ):
-        return _from_file(Path(text))
+    path = Path(text)
+    if text.strip().lower().endswith(".csv") or ("=" not in text and path.exists()):
+        return _plans_in(path)
     words = _pairs("--next", text)
     time = words.pop("hold_time", None)
     same = stated("--next", words, PLAN)
@@ -150,13 +67,38 @@ def _candidates(text: str) -> list[dict[str, Any]]:
         raise options.user_error(
             f'--next {text}: give a hold time, such as "hold_time=1e5 s", or a CSV file'
         )
-    return [
-        {"hold_time": one, **same}
-        for one in _times("--next", time, PLANNED_PER_DECADE)
-    ]
+    times = _times("--next", time, PLANNED_PER_DECADE)
+    return [{"hold_time": one, **same} for one in times]
 
 
-def _from_file(path: Path) -> list[dict[str, Any]]:
+def read_unknowns(texts: Sequence[str]) -> dict[str, tuple[str, str]] | list[str]:
+    """Read ``--unknown NAME`` and ``--unknown "NAME=LOW to HIGH"``: names, or names with their bounds."""
+    found: dict[str, tuple[str, str] | None] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if name in found:
+            raise options.user_error(f"--unknown {text}: {name} is given twice")
+        found[name] = _ends(value)
+        if equals and not found[name]:
+            raise options.user_error(
+                f'--unknown {text}: write the bounds as LOW to HIGH, such as "bond_force=1 nN to 10 nN"'
+            )
+    bounds = {name: ends for name, ends in found.items() if ends}
+    bare = [name for name in found if name not in bounds]
+    if bounds and bare:
+        raise options.user_error(
+            f"--unknown {', '.join(bare)}: give bounds for all unknowns, or for none"
+        )
+    return bounds or bare
+
+
+def _names(text: str) -> list[str]:
+    """Names between commas, each once."""
+    names = (name.strip() for name in text.split(","))
+    return list(dict.fromkeys(filter(None, names)))
+
+
+def _plans_in(path: Path) -> list[dict[str, Any]]:
     """Planned measurements in a CSV file: columns hold_time (s), load (nN), temperature (K), error (nN)."""
     from chemage.plugin import read_columns
     from chemage_inference.forecast import PLAN, STATED, stated
@@ -175,13 +117,14 @@ def _from_file(path: Path) -> list[dict[str, Any]]:
         output.remark(f"note: {path}: {note}")
     plans = []
     for row in table.rows:
-        plan = {}
+        plan: dict[str, Any] = {}
         for name, (heading, *_) in table.columns.items():
             if row[2][heading.place] == "":
                 continue
-            share = name == "error" and heading.unit == "%"
-            number = table.number(row, name, "" if share else STATED[name][0])
-            plan[name] = f"{100 * number:g} %" if share else number
+            if name == "error" and heading.unit == "%":
+                plan[name] = f"{100 * table.number(row, name, ''):g} %"
+            else:
+                plan[name] = table.number(row, name, STATED[name][0])
         plans.append(stated(f"--next {row[1]}", plan, PLAN))
     return plans
 
@@ -193,9 +136,10 @@ def _pairs(option: str, text: str) -> dict[str, float | str]:
     )
     words: dict[str, float | str] = {}
     for part in filter(None, (piece.strip() for piece in text.split(","))):
-        name, equals, value = (piece.strip() for piece in part.partition("="))
-        name = {"hold_times": "hold_time"}.get(name, name)
-        if not equals or not value:
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        if name == "hold_times":
+            name = "hold_time"
+        if not value:
             raise options.user_error(f"{option} {text}: {part!r}; {example}")
         if name in words:
             raise options.user_error(f"{option} {text}: {name} is given twice")
@@ -212,15 +156,22 @@ def _number(value: str) -> float | str:
         return value
 
 
+def _ends(text: str) -> tuple[str, str] | None:
+    """The ends of ``LOW to HIGH``."""
+    low, _, high = (part.strip() for part in text.partition(" to "))
+    return (low, high) if low and high else None
+
+
 def _times(option: str, value: float | str, per_decade: int) -> list[float]:
     from chemage import ChemageError, hold_times
     from chemage_inference.forecast import stated
 
-    low, to, high = (part.strip() for part in str(value).partition(" to "))
-    if not to:
+    ends = _ends(str(value))
+    if ends is None:
         return [stated(option, {"hold_time": value}, ("hold_time",))["hold_time"]]
+    low, high = map(_number, ends)
     try:
-        return hold_times(_number(low), _number(high), per_decade).tolist()
+        return hold_times(low, high, per_decade).tolist()
     except ChemageError as error:
         raise options.user_error(f"{option}: hold_time={value}: {error}") from None
 
@@ -388,21 +339,33 @@ def infer(
     from chemage import load_scene
     from chemage.plugin import convert
     from chemage_inference.display import InferenceDisplay
+    from chemage_inference.forecast import checked_target
+    from chemage_inference.infer import FAMILIES
     from chemage_inference.result import UnexplainedError
 
     path = out or Path(f"{measured[0].stem}-inferred.h5")
     if out is not None:
         options.check_ending(out, options.RESULTS, "a result file")
-    wishes = read_wishes(predict or (), planned or (), target)
+    wishes: dict[str, Any] = {"forecasts": read_forecasts(predict or ())}
+    wishes["plans"] = [plan for text in planned or () for plan in read_plans(text)]
+    if target is not None:
+        if not planned:
+            raise options.user_error(
+                "--target is what planned measurements are to narrow; give them with --next"
+            )
+        wishes["target"] = target.strip()
+        wanted = checked_target("--target", _pairs("--target", target))
+        wishes["wanted"] = wanted
     how: dict[str, Any] = {
-        "unknown": read_unknowns(unknown or ()),
-        "errors": [name.strip() for name in errors.split(",")],
-        "calibration": read_calibration(calibration),
-        "families": read_families(families),
-        "samples": samples,
+        "errors": _names(errors),
+        "calibration": calibration or 0.0,
         "seed": seed,
         "threads": threads,
     }
+    if "=" in (calibration or ""):
+        how["calibration"] = _pairs("--calibration", str(calibration))
+    unknowns = read_unknowns(unknown or ())
+    chosen = FAMILIES if families is None else _names(families)
     there = load_scene(scene, options.changed_fields(changes))
     plans = (text for text in planned or () if "=" not in text)
     output.protect_inputs(path, scene, there, *measured, *plans)
@@ -417,14 +380,24 @@ def infer(
         lacking["relative_error"] = share
     curves = _curves(measured, lacking)
     if calibrate is not None:
-        del how["unknown"], how["families"], how["samples"]
         _calibrated(curves, there, calibrate, how, as_json)
         return
     output.preflight_result(path, force=force, figures=figures)
+    how |= {"unknown": unknowns, "samples": samples}
+    how["families"] = () if chosen == ["none"] else tuple(chosen)
+    pictures: list[Path] = []
     try:
-        result, pictures = _computed(
-            curves, there, wishes, how, path, figures=figures, force=force
-        )
+        with progress.progress_bars({"families": "fits"}) as report:
+            result = _computed(curves, there, how, report, **wishes)
+            shown = InferenceDisplay(result)
+            with progress.reported(report, "writing"):
+                result.write(path, force=force)
+            if figures:
+                with (
+                    output.result_written(path),
+                    progress.reported(report, "drawing"),
+                ):
+                    pictures = output.drawn(shown, path)
     except UnexplainedError as error:
         _show_best_fit(error, curves)
         if figures:
@@ -432,7 +405,6 @@ def infer(
             output.say(f"residuals of the best fit: {drawn}", file=sys.stderr)
         raise
     hint = f'use it   forming = {{ kind = "inferred", path = "{path}" }}'
-    shown = InferenceDisplay(result)
     output.answer(shown, as_json, [hint], file=path, figures=pictures)
 
 
@@ -464,9 +436,8 @@ def _curves(
     from chemage_inference.curves import read_curves
 
     curves = tuple(curve for file in files for curve in read_curves(file, **how))
-    for note in {
-        f"{curve.name}: {note}": 0 for curve in curves for note in curve.notes
-    }:
+    notes = (f"{curve.name}: {note}" for curve in curves for note in curve.notes)
+    for note in dict.fromkeys(notes):
         output.remark(f"note: {note}")
     return curves
 
@@ -474,72 +445,50 @@ def _curves(
 def _computed(
     curves: tuple[MeasuredCurve, ...],
     scene: Scene,
-    wishes: Wishes,
-    how: dict[str, Any],
-    path: Path,
-    *,
-    figures: bool,
-    force: bool,
-) -> tuple[InferenceResult, list[Path]]:
-    """Infer, forecast, rank, write and draw."""
-    from chemage_inference import infer as inferring
-    from chemage_inference.display import InferenceDisplay
-
-    pictures: list[Path] = []
-    with progress.progress_bars({"families": "fits"}) as report:
-        inference = inferring.infer(curves, scene, progress=report, **how)
-        result = _with_wishes(inference, wishes, report)
-        with progress.reported(report, "writing"):
-            result.write(path, force=force)
-        if figures:
-            with output.result_written(path), progress.reported(report, "drawing"):
-                pictures = output.drawn(InferenceDisplay(result), path)
-    return result, pictures
-
-
-def _with_wishes(
-    inference: Inference, wishes: Wishes, report: progress.Report
+    how: Mapping[str, Any],
+    report: progress.Report,
+    forecasts: Mapping[str, Mapping[str, Any]],
+    plans: Sequence[Mapping[str, Any]],
+    wanted: Mapping[str, Any] | None = None,
+    target: str = "the density at all visible energies",
 ) -> InferenceResult:
-    """The forecasts, and the planned measurements in their order."""
+    """The inference with its forecasts, and the planned measurements in their order."""
+    from chemage_inference import infer as inferring
     from chemage_inference.result import InferenceResult
 
-    forecasts, total = {}, len(wishes.forecasts)
-    for number, (label, arguments) in enumerate(wishes.forecasts.items()):
-        report("forecasts", number, total)
-        forecasts[label] = inference.forecast(**arguments)
+    inference = inferring.infer(curves, scene, progress=report, **how)
+    made, total = {}, len(forecasts)
+    for label, arguments in forecasts.items():
+        report("forecasts", len(made), total)
+        made[label] = inference.forecast(**arguments)
     if total:
         report("forecasts", total, total)
-    ranked: list[dict[str, Any]] = []
-    if wishes.candidates:
-        with progress.reported(report, "planned measurements"):
-            ranked = inference.next_experiment(
-                wishes.candidates, target=wishes.target
-            )
-    return InferenceResult(
-        inference, forecasts, tuple(ranked), wishes.target_text if ranked else ""
-    )
+    if not plans:
+        return InferenceResult(inference, made)
+    with progress.reported(report, "planned measurements"):
+        ranked = inference.next_experiment(plans, target=wanted)
+    return InferenceResult(inference, made, tuple(ranked), target)
 
 
 def _show_best_fit(
     error: UnexplainedError, curves: Sequence[MeasuredCurve]
 ) -> None:
     """Print measured values beside the best fit on stderr, for data that no density explains."""
+    if output.quiet():
+        return
     lines = [
         "the best fit:",
         f"{'curve':16} {'hold time (s)':>13} {'measured (nN)':>13} {'fit (nN)':>10} {'residual':>9}",
     ]
-    points = (
+    points = [
         (curve.name[:16], *point)
         for curve in curves
         for point in zip(curve.hold_times, curve.friction_drop, strict=True)
-    )
-    for point in zip(points, error.fitted, error.residuals, strict=True):
-        (name, time, value), fit, off = point
-        lines.append(
-            f"{name:16} {time:13.5g} {value:13.5g} {fit:10.5g} {off:+9.1f}"
-        )
-    if not output.quiet():
-        output.say("\n".join(lines), file=sys.stderr)
+    ]
+    row = "{:16} {:13.5g} {:13.5g} {:10.5g} {:+9.1f}"
+    for point, *fit in zip(points, error.fitted, error.residuals, strict=True):
+        lines.append(row.format(*point, *fit))
+    output.say("\n".join(lines), file=sys.stderr)
 
 
 def _drawn_residuals(
