@@ -24,7 +24,7 @@ from chemage.plugin import (
 from chemage_inference.curves import MeasuredCurve
 from chemage_inference.families import estimated, sampled
 from chemage_inference.forward import Model, check_scene, make_model
-from chemage_inference.infer import calibrations, inner_ends, with_hidden
+from chemage_inference.infer import calibrations, widened, with_hidden
 from chemage_inference.noise import (
     LARGEST,
     RARE,
@@ -149,12 +149,21 @@ def calibrate(
         model = make_model(
             scene, chemistry, Unknowns(), tuple(plan), seed, None, error_model
         )
-        truths = _truths(model, count, seed)
+        wide = model.on(model.grid.wider(*REACH))
+        truths = densities_of_prior(
+            model, count, np.random.default_rng([seed, 151])
+        )
+        truths = redrawn_outside(
+            wide.grid,
+            wide.seen(),
+            widened(model, wide, truths),
+            np.random.default_rng([seed, 157]),
+        )
         ranks: dict[str, list[float]] = {}
         refused = 0
         for number, truth in enumerate(truths):
             report("calibration", number, count)
-            found = _ranks(model, truth, number, threads)
+            found = _ranks(model, wide, truth, number, threads)
             refused += found is None
             for name, rank in (found or {}).items():
                 ranks.setdefault(name, []).append(rank)
@@ -180,47 +189,24 @@ def densities_of_prior(
     return chain.densities[APART - 1 :: APART]
 
 
-def _truths(model: Model, count: int, seed: int) -> np.ndarray:
-    """(count, n) densities of the prior on the wide energies."""
-    grid = model.grid
-    rng = np.random.default_rng([seed, 151])
-    densities = densities_of_prior(model, count, rng)
-    wide = grid.wider(*REACH)
-    more = wide.place(grid)
-    return redrawn_outside(
-        wide,
-        np.pad(model.seen(), more),
-        np.pad(inner_ends(densities), ((0, 0), more)),
-        np.random.default_rng([seed, 157]),
-    )
-
-
 def _errors(
     noise: Noise, fitted: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, State]:
     """Measured values (m,) and their errors, drawn from the prior of errors."""
-    model, state = noise.model, noise.start
+    model, start = noise.model, noise.start
+    changes: dict[str, Any] = {}
     if model.scaled:
-        scales = np.exp(
-            SPREAD * np.abs(rng.standard_normal((1000, state.scales.size)))
-        )
-        inside = (scales >= SMALLEST) & (scales <= LARGEST)
-        state = replace(
-            state,
-            scales=scales[inside.argmax(axis=0), np.arange(state.scales.size)],
-        )
+        count = start.scales.size
+        scales = np.exp(SPREAD * np.abs(rng.standard_normal((1000, count))))
+        first = ((scales >= SMALLEST) & (scales <= LARGEST)).argmax(axis=0)
+        changes["scales"] = scales[first, np.arange(count)]
     if model.robust:
-        state = replace(
-            state, inflation=np.where(rng.random(fitted.size) < RARE, WIDER, 1.0)
-        )
+        off = rng.random(fitted.size) < RARE
+        changes["inflation"] = np.where(off, WIDER, 1.0)
     if model.correlated:
-        state = replace(
-            state,
-            log_time=float(np.log(TIME) + TIME_SPREAD * rng.standard_normal()),
-        )
-    state = replace(
-        state, nuisances=noise.widths * rng.standard_normal(noise.widths.size)
-    )
+        changes["log_time"] = np.log(TIME) + TIME_SPREAD * rng.standard_normal()
+    changes["nuisances"] = noise.widths * rng.standard_normal(noise.widths.size)
+    state = replace(start, **changes)
     drawn = rng.standard_normal(fitted.size)
     near = noise.correlation(state)
     for at in range(1, drawn.size):
@@ -232,11 +218,14 @@ def _errors(
 
 
 def _ranks(
-    model: Model, truth: np.ndarray, number: int, threads: int | None
+    model: Model,
+    wide: Model,
+    truth: np.ndarray,
+    number: int,
+    threads: int | None,
 ) -> dict[str, float] | None:
     """Ranks of a truth; None where its measurements are refused."""
     rng = np.random.default_rng([model.seed, 163, number])
-    wide = model.on(model.grid.wider(*REACH))
     fitted, _ = wide.linear(truth, 0)
     values, state = _errors(model.noise, fitted, rng)
     curves = tuple(
@@ -264,36 +253,39 @@ def _ranks(
     problem, samples, _ = sampled(
         measured, density, KEPT, threads, silent, changes, SWEEPS
     )
-    there, problem, samples, _ = with_hidden(
-        measured, samples, problem.prior, samples.densities[:1]
-    )
-    seen = np.flatnonzero(np.pad(model.seen(), there.grid.place(model.grid)))
-    areas, densities = there.grid.areas, samples.densities
-    quantities: dict[str, tuple[np.ndarray, float]] = {}
+    there = measured.on(wide.grid)
+    problem, samples = with_hidden(measured, there, samples, problem.prior)
+    values = samples.fitted(problem)
+    drawn = _ranked(wide, samples.densities, values, samples.states)
+    true = _ranked(wide, truth[None], fitted[None], [state])
+    return {
+        name: _rank(values, float(true[name][0]), rng)
+        for name, values in drawn.items()
+    }
+
+
+def _ranked(
+    model: Model,
+    densities: np.ndarray,
+    fitted: np.ndarray,
+    states: Sequence[State],
+) -> dict[str, np.ndarray]:
+    """Name -> (S,) what is ranked of ``densities`` (S, n), their values (S, m), and errors."""
+    grid, seen = model.grid, np.flatnonzero(model.seen())
+    found: dict[str, np.ndarray] = {}
     for share in (0.25, 0.5, 0.75):
         end = seen[int(share * (seen.size - 1))] + 1
-        name = f"share of the sites below {there.grid.nodes[end - 1]:.2f} eV"
-        quantities[name] = (
-            algebra.product(densities[:, :end], areas[:end]),
-            float(algebra.product(truth[:end], areas[:end])),
-        )
+        name = f"share of the sites below {grid.nodes[end - 1]:.2f} eV"
+        found[name] = algebra.product(densities[:, :end], grid.areas[:end])
     last = int(np.argmax(model.hold_times))
-    quantities[f"friction drop at {model.hold_times[last]:.3g} s"] = (
-        samples.fitted(problem)[:, last],
-        float(fitted[last]),
-    )
+    found[f"friction drop at {model.hold_times[last]:.3g} s"] = fitted[:, last]
     if model.error_model.scaled:
-        quantities["scale of the errors"] = (
-            samples.scales[:, 0],
-            float(state.scales[0]),
-        )
-    drawn = zip(samples.nuisances.T, state.nuisances.tolist(), strict=True)
-    for (name, instrument), pair in zip(model.noise.nuisances, drawn, strict=True):
+        scales = [state.scales[0] for state in states]
+        found["scale of the errors"] = np.array(scales)
+    for number, (name, instrument) in enumerate(model.noise.nuisances):
         if not instrument:
-            quantities[name] = pair
-    return {
-        name: _rank(drawn, true, rng) for name, (drawn, true) in quantities.items()
-    }
+            found[name] = np.array([state.nuisances[number] for state in states])
+    return found
 
 
 def _rank(drawn: np.ndarray, true: float, rng: np.random.Generator) -> float:

@@ -28,7 +28,7 @@ from chemage_inference.energies import averaging
 from chemage_inference.families import compared, estimated, linear_problem, sampled
 from chemage_inference.forecast import band
 from chemage_inference.forward import Model, check_scene, make_model
-from chemage_inference.noise import NUISANCES, ErrorModel
+from chemage_inference.noise import ErrorModel
 from chemage_inference.problem import (
     REACH,
     Data,
@@ -59,8 +59,14 @@ MAINLY = 0.5
 #: an energy is visible where the standard deviation of the density, or that over its mean, is below this share of the
 #: prior's
 NARROWER = 0.7
-#: relative standard error of a calibration at most: beyond, forces were not measured
-MOST_CALIBRATION = 0.5
+#: what may be stated of a calibration -> unit of its standard error
+CALIBRATIONS = {"force": "", "drift": "", "offset": "nN", "load": ""}
+#: unit -> the largest standard error of a calibration, beyond which forces were not measured, what it must be, and how
+#: it is written
+LARGEST_ERRORS = {
+    "": (0.5, "must be between 0 and 50 %", '10 % is 0.1 or "10 %"'),
+    "nN": (np.inf, "must be at least 0 nN", "0.5 nN is 0.5"),
+}
 
 
 def infer(
@@ -177,18 +183,16 @@ def calibrations(
         A name that is none, or an error that is negative or more than 50 %.
     """
     parts = given if isinstance(given, Mapping) else {"force": given}
-    names = "force", "drift", "offset", "load"
-    errors: dict[str, float] = dict.fromkeys(names, 0.0)
+    errors: dict[str, float] = dict.fromkeys(CALIBRATIONS, 0.0)
     for name, value in parts.items():
-        if name not in errors:
-            choice = f"choose of {', '.join(names)}"
+        if name not in CALIBRATIONS:
+            choice = f"choose of {', '.join(CALIBRATIONS)}"
             raise InputError.of("calibration", name, "is no calibration", choice)
-        unit, field = NUISANCES.get(name, ""), f"calibration.{name}"
+        unit, field = CALIBRATIONS[name], f"calibration.{name}"
+        most, problem, remedy = LARGEST_ERRORS[unit]
         errors[name] = convert(value, unit, field)
-        if not 0 <= errors[name] <= (np.inf if unit else MOST_CALIBRATION):
-            most = "be at least 0 nN" if unit else "be between 0 and 50 %"
-            remedy = "0.5 nN is 0.5" if unit else '10 % is 0.1 or "10 %"'
-            raise InputError.of(field, value, f"must {most}", remedy)
+        if not 0 <= errors[name] <= most:
+            raise InputError.of(field, value, problem, remedy)
     errors["calibration"] = errors.pop("force")
     return errors.pop("load"), errors
 
@@ -224,37 +228,29 @@ def _visible(
     model: Model, samples: np.ndarray, prior: np.ndarray, resolution: float
 ) -> np.ndarray:
     """(n,) where hold times lie on both sides, and the density averaged over the resolution is narrower than before."""
-    mean = averaging(model.grid.nodes, resolution)
-    after, before = algebra.product(samples, mean.T), algebra.product(prior, mean.T)
-    narrower = after.std(axis=0) < NARROWER * before.std(axis=0)
+    mean = averaging(model.grid.nodes, resolution).T
+    after, before = algebra.product(samples, mean), algebra.product(prior, mean)
+    spread, least = after.std(axis=0), NARROWER * before.std(axis=0)
     # where the density is high, its deviation may be large and still small beside it
-    relative = after.std(axis=0) * before.mean(axis=0) < NARROWER * before.std(
-        axis=0
-    ) * after.mean(axis=0)
-    return model.seen() & (narrower | relative)
+    relative = spread * before.mean(axis=0) < least * after.mean(axis=0)
+    return model.seen() & ((spread < least) | relative)
 
 
-def inner_ends(densities: np.ndarray) -> np.ndarray:
-    """``densities`` (S, n) that end at their end nodes as such that go on: of the same integral and mean energy."""
-    longer = densities.copy()
-    for end, beside in (
-        (0, 1),
-        (-1, -2),
-    ):  # the inner half of a hat, whose mean lies a third of a step inside
-        longer[:, end] = densities[:, end] / 3
-        longer[:, beside] += densities[:, end] / 6
-    return longer
+def widened(model: Model, wide: Model, densities: np.ndarray) -> np.ndarray:
+    """``densities`` (S, n) that end at the end nodes of a model on ``wide`` energies: as such that go on, of the same
+    integral and mean energy."""
+    longer, ends = densities.copy(), densities[:, [0, -1]]
+    # the inner half of a hat, whose mean lies a third of a step inside
+    longer[:, [0, -1]] = ends / 3
+    longer[:, [1, -2]] += ends / 6
+    return np.pad(longer, ((0, 0), wide.grid.place(model.grid)))
 
 
 def with_hidden(
-    model: Model, samples: Samples, prior: Prior, before: np.ndarray
-) -> tuple[Model, Problem, Samples, np.ndarray]:
-    """Samples of the posterior and those ``before``, of the prior, with the barriers that hold times do not reach."""
-    wide = model.on(model.grid.wider(*REACH))
-    more = ((0, 0), wide.grid.place(model.grid))
-    densities, before = (
-        np.pad(inner_ends(each), more) for each in (samples.densities, before)
-    )
+    model: Model, wide: Model, samples: Samples, prior: Prior
+) -> tuple[Problem, Samples]:
+    """Samples of the posterior on ``wide`` energies, with the barriers that hold times do not reach."""
+    densities = widened(model, wide, samples.densities)
     problem = linear_problem(wide, prior, densities.mean(axis=0))
     settled = problem.settled(samples.typical)
     data = Data(
@@ -265,14 +261,9 @@ def with_hidden(
         settled.offsets,
         KB * max(curve.temperature for curve in model.curves),
     )
-    seen = np.pad(model.seen(), more[1])
-    densities = redrawn_outside(
-        wide.grid, seen, densities, np.random.default_rng([model.seed, 101]), data
-    )
-    before = redrawn_outside(
-        wide.grid, seen, before, np.random.default_rng([model.seed, 103])
-    )
-    return wide, problem, replace(samples, densities=densities), before
+    rng = np.random.default_rng([model.seed, 101])
+    drawn = redrawn_outside(wide.grid, wide.seen(), densities, rng, data)
+    return problem, replace(samples, densities=drawn)
 
 
 def _inference(
@@ -287,10 +278,13 @@ def _inference(
     prior = problem.prior.sample(PRIOR_SAMPLES, model.grid.areas, rng)
     resolution = WIDTH * KB * max(curve.temperature for curve in model.curves)
     visible = _visible(model, samples.densities, prior, resolution)
-    smooth = model.grid
-    model, problem, samples, prior = with_hidden(
-        model, samples, problem.prior, prior
-    )
+    wide = model.on(model.grid.wider(*REACH))
+    problem, samples = with_hidden(model, wide, samples, problem.prior)
+    rng = np.random.default_rng([model.seed, 103])
+    prior = widened(model, wide, prior)
+    prior = redrawn_outside(wide.grid, wide.seen(), prior, rng)
+    visible = np.pad(visible, wide.grid.place(model.grid))
+    model = wide
     noise, state = problem.noise, samples.typical
     fitted = samples.expected(problem)
     # in independent combinations of the points, or a correlated error counts as a parameter of the density
@@ -309,7 +303,7 @@ def _inference(
         energies=model.grid.nodes,
         samples=samples.densities,
         prior=prior,
-        visible=np.pad(visible, model.grid.place(smooth)),
+        visible=visible,
         curve=model.curve,
         hold_times=model.hold_times,
         values=problem.values,
@@ -345,51 +339,40 @@ def _inference(
             "scene": model.scene.todict(),
             "versions": versions(model.scene),
             "unknown": list(unknowns.bounds),
-            "cite": _cite(model.scene),
+            "cite": _cite(model),
         },
     )
     notes = dict.fromkeys(_notes(model, problem, samples, inference))
     inference = inference.model_copy(update={"notes": tuple(notes)})
-    contacts = [model.contacts.at(load) for load, *_ in model.keys]
-    plugins = {
-        name: source
-        for contact in contacts
-        for name, source in contact.plugins.items()
-    }
-    return inference.noting(
-        plugins, [entry for contact in contacts for entry in contact.approximate]
-    )
+    for load, *_ in model.keys:
+        contact = model.contacts.at(load)
+        inference = inference.noting(contact.plugins, contact.approximate)
+    return inference
 
 
 def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
     """Name -> (S,) what was inferred of the errors."""
     terms, error_model = {}, model.error_model
     if error_model.scaled:
-        terms |= {
-            f"scale {number}": scale
-            for number, scale in enumerate(samples.scales.T)
-        }
+        for number, scale in enumerate(samples.scales.T):
+            terms[f"scale {number}"] = scale
     if error_model.correlated:
-        terms["correlation time"] = np.exp(
-            [state.log_time for state in samples.states]
-        )
-    several, nuisances = len(model.instruments) > 1, model.noise.nuisances
+        times = [state.log_time for state in samples.states]
+        terms["correlation time"] = np.exp(times)
+    nuisances = model.noise.nuisances
     for (name, number), drawn in zip(nuisances, samples.nuisances.T, strict=True):
+        several = len(model.instruments) > 1
         label = f"{name} of {model.instruments[number]}" if several else name
         # a factor by its logarithm
         terms[label] = np.exp(drawn) if name == "calibration" else drawn
     return terms
 
 
-def _cite(scene: Scene) -> list[str]:
+def _cite(model: Model) -> list[str]:
     """What to cite: the publications of all parts of the scene but its forming barriers, which are not used."""
-    forming = None if scene.chemistry is None else scene.chemistry.forming
-    texts = [
-        text
-        for part in scene.components()
-        if part is not forming
-        for text in part.cite
-    ]
+    scene, forming = model.scene, model.chemistry.forming
+    used = [part for part in scene.components() if part is not forming]
+    texts = [text for part in used for text in part.cite]
     return list(
         dict.fromkeys([*texts, *(value.source for value in scene.from_material)])
     )
