@@ -71,9 +71,9 @@ class Cause(NamedTuple):
     #: named in 95 of 100 cases
     amplitude: float
     deviation: float
-    least: float
-    #: (m,) nN by which one unit changes the values
-    signature: np.ndarray
+    least: float = np.nan
+    #: (m,) nN by which one unit changes the values; empty where it changes errors
+    signature: np.ndarray = np.zeros(0)
 
     @property
     def words(self) -> str:
@@ -89,13 +89,13 @@ class Cause(NamedTuple):
         return f"{self.words} up to {_two(self.least)} {self.unit}"
 
 
-def _log(covariance: np.ndarray, residual: np.ndarray) -> tuple[float, np.ndarray]:
-    """Log evidence but for a constant, and the inverse of the covariance."""
-    lower = algebra.cholesky(covariance)
-    root = algebra.forward(lower, np.eye(len(lower)))
-    misfit = float(np.sum(algebra.product(root, residual) ** 2))
-    log = -np.log(np.diag(lower)).sum() - 0.5 * misfit
-    return float(log), algebra.product(root.T, root)
+def _amplitude(log: Any, pull: Any, precision: Any, variance: Any) -> np.ndarray:
+    """Log evidence with an amplitude of this ``variance`` in the prior, where that without it is ``log``, its mean, and
+    the mean of its square; ``pull`` and ``precision`` are what the data say of it."""
+    more = 1 + variance * precision
+    mean = variance * pull / more
+    gain = 0.5 * (variance * pull**2 / more - np.log(more))
+    return np.stack([log + gain, mean, variance / more + mean**2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +117,6 @@ class Critic:
         if kind == "correlated":
             return self.one.near is not None
         return bool({term, f"{term} of {where}"} & self.one.error_terms.keys())
-
-    def _near(self, time: float) -> np.ndarray:
-        """(m, m) correlation of errors along each curve over ``time`` e-folds; without it beyond 98 %."""
-        logs, curve = np.log(self.one.hold_times), self.one.curve
-        apart = np.abs(logs[:, None] - logs)
-        near = 0.98 * np.exp(-apart / time) * (curve[:, None] == curve)
-        return near + 0.02 * np.eye(logs.size)
 
     @cached_property
     def near(self) -> np.ndarray:
@@ -148,8 +141,13 @@ class Critic:
         return (one.values - mean) / self.errors, covariance
 
     def _evidence(self, errors: np.ndarray) -> tuple[float, np.ndarray]:
+        """Log evidence with these ``errors`` (m, m) but for a constant, and the inverse of the covariance."""
         residual, covariance = self.prior
-        return _log(covariance + errors, residual)
+        lower = algebra.cholesky(covariance + errors)
+        root = algebra.forward(lower, np.eye(len(lower)))
+        misfit = np.sum(algebra.product(root, residual) ** 2)
+        log = -np.log(np.diag(lower)).sum() - 0.5 * float(misfit)
+        return float(log), algebra.product(root.T, root)
 
     @cached_property
     def _scaled(self) -> list[tuple[float, np.ndarray]]:
@@ -161,36 +159,33 @@ class Critic:
         """All points, and names and (m,) points of instruments and curves, with their log prior probabilities."""
         one, found = self.one, {"": np.ones(self.one.curve.size, bool)}
         for key in ("instrument", "name"):
-            for about in one.curves:
-                here = [
-                    other.get(key, "") == about.get(key, "") for other in one.curves
-                ]
-                if not all(here):
-                    found.setdefault(about[key], np.array(here)[one.curve])
-        less = -np.log(len(found) - 1.0) if len(found) > 1 else 0.0
-        half = np.log(0.5) * (len(found) > 1)
-        return [
-            (name, mask, half + less * (number > 0))
-            for number, (name, mask) in enumerate(found.items())
-        ]
+            names = np.array([about.get(key, "") for about in one.curves])
+            for name in dict.fromkeys(names.tolist()):
+                if not (names == name).all():
+                    found.setdefault(name, (names == name)[one.curve])
+        several = len(found) - 1
+        first = np.log(0.5) if several else 0.0
+        logs = [first, *[first - np.log(several or 1.0)] * several]
+        return [(*each, log) for each, log in zip(found.items(), logs, strict=True)]
 
     def signatures(self) -> Iterator[tuple[str, str, np.ndarray, float, float]]:
         """Kind, where, (m,) nN by one unit, typical amplitude, and log prior probability of each trouble."""
         one, chemistry = self.one, self.one.scene.chemistry
         assert chemistry is not None
         values, decades = one.fitted.mean(axis=0), np.log10(one.hold_times)
-        slope, middle, top = (np.zeros(values.size) for _ in range(3))
+        load, kelvin = (
+            np.array([about[key] for about in one.curves])[one.curve]
+            for key in ("load", "temperature")
+        )
+        slope, middle, top = np.zeros((3, values.size))
         for number in range(len(one.curves)):
             here = np.flatnonzero(one.curve == number)
             times, first = np.unique(decades[here], return_index=True)
             middle[here] = (times[0] + times[-1]) / 2
-            load = one.curves[number]["load"]
-            same = [other["load"] == load for other in one.curves]
-            top[here] = max(float(values[np.array(same)[one.curve]].max()), 1e-12)
+            top[here] = max(values[load == load[here[0]]].max(), 1e-12)
             if times.size > 1:
                 along = np.gradient(values[here][first], times * np.log(10))
                 slope[here] = np.interp(decades[here], times, along)
-        kelvin = np.array([about["temperature"] for about in one.curves])[one.curve]
         lag = np.log(chemistry.attempt_frequency * one.hold_times)
         shared = {
             "factor": values / 100,
@@ -209,22 +204,14 @@ class Critic:
             slower = -slope * values / (top * KB * kelvin)
             yield "interaction", "", slower, TROUBLES["interaction"][2], 0.0
 
-    def _cause(
-        self,
-        kind: str,
-        where: str,
-        logs: Any,
-        means: Any,
-        squares: Any,
-        **more: Any,
-    ) -> Cause:
-        """A trouble whose amplitudes of these ``means``, and means of ``squares``, have log probabilities ``logs``."""
+    def _cause(self, kind: str, where: str, rows: np.ndarray, **more: Any) -> Cause:
+        """A trouble of which ``rows`` are log probabilities, means of its amplitude, and means of their squares."""
+        logs, means, squares = rows
         total = float(np.logaddexp.reduce(logs, axis=None))
-        share, odds = np.exp(np.array(logs) - total), total - self._scaled[0][0]
+        share, odds = np.exp(logs - total), total - self._scaled[0][0]
         mean = float((share * means).sum())
         spread = max(float((share * squares).sum()) - mean**2, 0.0) ** 0.5
-        known = {"least": np.nan, "signature": np.zeros(self.errors.size)}
-        return Cause(kind, where, odds, mean, spread, **(known | more))
+        return Cause(kind, where, odds, mean, spread, **more)
 
     @cached_property
     def causes(self) -> list[Cause]:
@@ -232,19 +219,16 @@ class Critic:
         residual, found = self.prior[0], [*self._of_errors(), self._outliers()]
         for kind, where, change, typical, prior in self.signatures():
             v, spreads = change / self.errors, (SPREADS * typical) ** 2
-            logs, means, squares = [], [], []
+            rows = []
             for (log, inverse), weight in zip(self._scaled, BESIDE, strict=True):
-                u, q = v @ inverse @ residual, v @ inverse @ v
-                more = 1 + spreads * q
-                gain = 0.5 * (spreads * u**2 / more - np.log(more))
-                logs.append(log + gain + prior + np.log(weight / spreads.size))
-                means.append(spreads * u / more)
-                squares.append(spreads / more + means[-1] ** 2)
+                log += prior + np.log(weight / spreads.size)
+                pull, precision = v @ inverse @ residual, v @ inverse @ v
+                rows.append(_amplitude(log, pull, precision, spreads))
             q = max(float(v @ self._scaled[0][1] @ v), 1e-300)
             bar = NAMED - prior - np.log(BESIDE[0]) + 0.5 * np.log1p(typical**2 * q)
             least = ((2 * bar) ** 0.5 + 1.64) / q**0.5
             known = {"least": least, "signature": change}
-            cause = self._cause(kind, where, logs, means, squares, **known)
+            cause = self._cause(kind, where, np.stack(rows, axis=1), **known)
             if kind == "interaction" and cause.amplitude < 0:
                 cause = cause._replace(odds=-np.inf)  # neighbours raise barriers
             found.append(cause)
@@ -256,25 +240,20 @@ class Critic:
         wrong, prior, points, found = np.zeros(size), 0.0, [], []
         for count in range(1, min(SEVERAL, size) + 1):
             prior += np.log(count / size)
-            logs, means, squares = [], [], []
+            rows = []
             for scale, weight in zip(LARGER, BESIDE, strict=True):
                 log, inverse = self._evidence(scale**2 * self.near + np.diag(wrong))
-                pull = WIDER * (inverse @ residual)
-                known = 1 + WIDER**2 * np.diag(inverse)
-                gain = 0.5 * (pull**2 / known - np.log(known))
-                logs.append(log + gain + prior + np.log(weight))
-                means.append(WIDER * pull / known)
-                squares.append(WIDER**2 / known + means[-1] ** 2)
-            every = np.logaddexp.reduce(logs)
+                log += prior + np.log(weight)
+                pull, precision = inverse @ residual, np.diag(inverse)
+                rows.append(_amplitude(log, pull, precision, WIDER**2))
+            each = np.stack(rows, axis=1)
+            every = np.logaddexp.reduce(each[0])
             every[points] = -np.inf
             points.append(int(every.argmax()))
             wrong[points[-1]] = WIDER**2
-            last = (
-                np.array(each)[:, points[-1]] for each in (logs, means, squares)
-            )
             where = ", ".join(map(self._place, points))
             kind = "outlier" if count == 1 else "outliers"
-            found.append(self._cause(kind, where, *last))
+            found.append(self._cause(kind, where, each[:, :, points[-1]]))
         return max(found, key=lambda cause: cause.odds)
 
     def _place(self, point: int) -> str:
@@ -290,13 +269,24 @@ class Critic:
             errors = [self.near * np.outer(scales, scales) for scales in each]
             logs = np.log(BESIDE[1:] / BESIDE[1:].sum()) + prior
             several.append(("scaled", name, errors, logs, LARGER[1:]))
-        times, scales = np.repeat(TIMES, 3), np.tile(LARGER[[0, 2, 4]], len(TIMES))
-        errors = [s**2 * self._near(t) for t, s in zip(times, scales, strict=True)]
         if self.one.near is None:
+            logs, curve = np.log(self.one.hold_times), self.one.curve
+            apart = np.abs(logs[:, None] - logs)
+            # without correlation beyond 98 %
+            alike, alone = (
+                0.98 * (curve[:, None] == curve),
+                0.02 * np.eye(logs.size),
+            )
+            times = np.repeat(TIMES, 3)
+            errors = [
+                scale**2 * (alike * np.exp(-apart / time) + alone)
+                for time in TIMES
+                for scale in LARGER[[0, 2, 4]]
+            ]
             several.append(("correlated", "", errors, -np.log(times.size), times))
         for kind, where, errors, prior, sizes in several:
             logs = prior + np.array([self._evidence(each)[0] for each in errors])
-            yield self._cause(kind, where, logs, sizes, sizes**2)
+            yield self._cause(kind, where, np.stack([logs, sizes, sizes**2]))
 
     @cached_property
     def asked(self) -> bool:
@@ -385,29 +375,32 @@ class Critic:
         middle, here = np.median(samples, axis=0), self.one.fitted[rows]
         low, high = np.quantile(samples, [0.05, 0.95], axis=0)
         half = np.maximum((high - low) / 2, 1e-6 * samples.max() + 1e-12)
-        terms, count = self.one.error_terms, len(self.one.curves)
+        terms = self.one.error_terms
         scales = [
-            float(np.median(terms.get(f"scale {k}", 1.0))) for k in range(count)
+            np.median(terms.get(f"scale {number}", 1.0))
+            for number in range(len(self.one.curves))
         ]
         unit = self.errors * np.array(scales)[self.one.curve]
         errors, away = np.outer(unit, unit) * self.near, here - here.mean(axis=0)
         pulls = np.linalg.solve(errors, away.T).T
         spread = (samples - samples.mean(axis=0)) / max(len(rows) - 1, 1)
 
-        def change(cause: Cause, amplitude: float) -> tuple[np.ndarray, int]:
+        def change(cause: Cause, amplitude: float) -> tuple[str, float, bool]:
+            """The hold time of the largest change, the change over the value, and whether it is beyond the band."""
             moved = -amplitude * (pulls @ cause.signature @ spread)
-            return moved, int(np.abs(moved / half).argmax())
+            at = np.abs(moved / half).argmax()
+            share = moved[at] / max(middle[at], half[at])
+            return f"ΔF at {times[at]:.3g} s", share, abs(moved[at]) > half[at]
 
         for cause in self.named[:1]:
             if cause.kind in LINEAR:
-                moved, at = change(cause, cause.amplitude)
-                share = moved[at] / max(middle[at], half[at])
-                yield f"{cause.words}, once admitted, changes ΔF at {times[at]:.3g} s by about {100 * share:+.0f} %"
+                what, share, _ = change(cause, cause.amplitude)
+                yield f"{cause.words}, once admitted, changes {what} by about {100 * share:+.0f} %"
         for cause in self.missed:
-            moved, at = change(cause, cause.least)
-            if cause.kind in LINEAR and abs(moved[at]) > half[at]:
-                share = min(abs(moved[at]) / max(middle[at], half[at]), 1.0)
-                yield (
-                    f"unnoticed, {cause.size} changes ΔF at {times[at]:.3g} s by up to {100 * share:.0f} %, more than "
-                    "the band"
-                )
+            if cause.kind in LINEAR:
+                what, share, beyond = change(cause, cause.least)
+                if beyond:
+                    yield (
+                        f"unnoticed, {cause.size} changes {what} by up to {100 * min(abs(share), 1):.0f} %, more than "
+                        "the band"
+                    )
