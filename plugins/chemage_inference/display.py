@@ -40,7 +40,6 @@ from chemage_inference.wording import (
     family_rows,
     family_verdict,
     forecast_row,
-    title,
     unseen_text,
 )
 
@@ -273,7 +272,9 @@ class InferenceDisplay(OfRecord[Inference]):
 
     @property
     def title(self) -> str:
-        return title(self.record)
+        names = ", ".join(dict.fromkeys(one["name"] for one in self.record.curves))
+        what = names if len(names) < 40 else "measured curves"
+        return f"Density of forming barriers inferred from {what}"
 
     @property
     def heading(self) -> str:

@@ -37,43 +37,32 @@ SMOOTH = "density"
 MOST_EXPERIMENTS = 5
 
 
-def title(one: Inference) -> str:
-    """What was inferred from what."""
-    names = ", ".join(dict.fromkeys(curve["name"] for curve in one.curves))
-    return f"Density of forming barriers inferred from {names if len(names) < 40 else 'measured curves'}"
-
-
 def facts(one: Inference) -> Rows:
     """What the numbers are of; medians, and intervals of 90 % of the posterior."""
-    facts_ = [
-        ("measured", measured_text(one)),
-        ("visible energies", visible_text(one)),
-        *([("density", density_text(one))] if one.visible.any() else []),
-    ]
-    facts_.append(("largest residual", _largest_residual(one)))
-    if suspects := one.suspects():
-        facts_.append(("suspect points", "; ".join(suspects)))
-    kept, sampling = len(one.samples), one.diagnostics
-    text = "{} kept, {effective_samples:.0f} effective, R-hat {r_hat:.3f}; seed {}"
-    return [*facts_, ("samples", text.format(kept, one.seed, **sampling))]
-
-
-def measured_text(one: Inference) -> str:
-    """Curves, points and conditions."""
-    count = len(one.curves)
-    loads = _several([curve["load"] for curve in one.curves], "nN")
-    temperatures = _several([curve["temperature"] for curve in one.curves], "K")
-    times = f"{words.power_text(one.hold_times.min())} to {words.power_text(one.hold_times.max())} s"
-    curves = f"{count} curve{'s' if count > 1 else ''}"
-    return f"{one.hold_times.size} points of {curves}, {times}, {loads}, {temperatures}"
-
-
-def visible_text(one: Inference) -> str:
-    """The range of energies that the data see."""
+    count, times, kept = len(one.curves), one.hold_times, len(one.samples)
     low, high = one.visible_range
-    if not math.isfinite(low):
-        return "none: at every energy the band is as wide as that of the prior"
-    return f"{low:.3f} to {high:.3f} eV, resolution {one.resolution:.3f} eV"
+    worst = int(np.abs(one.residuals).argmax())
+    conditions = [
+        f"{times.size} points of {count} curve{'s' if count > 1 else ''}",
+        f"{words.power_text(times.min())} to {words.power_text(times.max())} s",
+        _several([curve["load"] for curve in one.curves], "nN"),
+        _several([curve["temperature"] for curve in one.curves], "K"),
+    ]
+    visible = "none: at every energy the band is as wide as that of the prior"
+    if one.visible.any():
+        visible = f"{low:.3f} to {high:.3f} eV, resolution {one.resolution:.3f} eV"
+    samples = (
+        "{} kept, {effective_samples:.0f} effective, R-hat {r_hat:.3f}; seed {}"
+    )
+    rows = {
+        "measured": ", ".join(conditions),
+        "visible energies": visible,
+        "density": density_text(one) if one.visible.any() else "",
+        "largest residual": f"{one.residuals[worst]:+.1f} standard errors at {words.power_text(times[worst])} s",
+        "suspect points": "; ".join(one.suspects()),
+        "samples": samples.format(kept, one.seed, **one.diagnostics),
+    }
+    return [(name, text) for name, text in rows.items() if text]
 
 
 def density_text(one: Inference) -> str:
@@ -91,26 +80,20 @@ def density_text(one: Inference) -> str:
         ]
         share = "0.1" if inside < 1e-3 else f"{100 * inside:.1f}"
         return f"hardly any inside (at most {share} % of the sites); barriers lie {' and '.join(sides)}"
-    there = peaks(one)
     unsure = "".join(
         f"; the maximum at {energy:.3f} eV is not resolved"
         for energy in unresolved(one)
     )
-    places = [peak.text(one.energies[1] - one.energies[0]) for peak in there]
-    if places:
-        ends = [
-            end
-            for end, up in zip(("lower", "upper"), rises(one), strict=True)
-            if up
-        ]
-        more = (
-            f"; rises again towards the {' and the '.join(ends)} end"
-            if ends
-            else ""
-        )
-        if len(places) > 1:
-            return f"{len(places)} peaks: {', '.join(places[:-1])} and {places[-1]}{more}{unsure}"
-        return f"one peak at {places[0]}{more}{unsure}"
+    step = one.energies[1] - one.energies[0]
+    if places := [peak.text(step) for peak in peaks(one)]:
+        *others, last = places
+        found = f"one peak at {last}"
+        if others:
+            found = f"{len(places)} peaks: {', '.join(others)} and {last}"
+        sides = zip(("lower", "upper"), rises(one), strict=True)
+        if ends := " and the ".join(end for end, up in sides if up):
+            found += f"; rises again towards the {ends} end"
+        return found + unsure
     up, down = trend(one)
     run = "rises" if up >= SURE else "falls" if down >= SURE else ""
     towards = (
@@ -126,23 +109,17 @@ def family_rows(one: Inference) -> list[tuple[str, str, str, str]]:
     if not one.scores:
         return []
     best = max(one.scores.values())
-    rows_ = []
+    rows = []
     for name, score in sorted(one.scores.items(), key=lambda item: -item[1]):
-        fit: Mapping[str, Any] = one.families.get(name, {})
         less = "best" if score == best else f"{score - best:.1f}"
         if name == SMOOTH:
-            rows_.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
+            rows.append(("smooth density", less, f"{one.chi2:.1f}", "as above"))
             continue
-        chi2 = f"{fit['chi2']:.1f}" if "chi2" in fit else ""
-        rows_.append(
-            (
-                name,
-                less,
-                chi2,
-                _parameters(fit) if best - score <= EXCLUDED else "excluded",
-            )
-        )
-    return rows_
+        fit = one.families.get(name, {})
+        chi2 = f"{fit['chi2']:.1f}" if fit else ""
+        about = _parameters(fit) if best - score <= EXCLUDED else "excluded"
+        rows.append((name, less, chi2, about))
+    return rows
 
 
 def family_verdict(one: Inference) -> list[str]:
@@ -163,52 +140,40 @@ def family_verdict(one: Inference) -> list[str]:
 
 def forecast_row(label: str, one: Forecast) -> tuple[str, str, str, str]:
     """(label, median of ΔF at the last hold time, its 68 and 90 % bands), or only bounds of 90 %."""
-    low68, high68 = one.band(0.68)
-    low90, high90 = one.band(WIDE)
     name = f"{label} at {words.power_text(one.hold_times[-1])} s{unseen_text(one)}"
-    ends = f"{low90[-1]:.4g} to {high90[-1]:.4g}"
-    if one.bounds_only:
-        return name, NONE, NONE, ends
-    return (
-        name,
-        f"{one.median[-1]:.4g} nN",
-        f"{low68[-1]:.4g} to {high68[-1]:.4g}",
-        ends,
+    inner, outer = (
+        "{:.4g} to {:.4g}".format(*(end[-1] for end in one.band(level)))
+        for level in (0.68, WIDE)
     )
+    if one.bounds_only:
+        return name, NONE, NONE, outer
+    return name, f"{one.median[-1]:.4g} nN", inner, outer
 
 
 def unseen_text(one: Forecast) -> str:
     """The largest share of a forecast that comes from energies which the data do not see, where it matters."""
-    if one.bounds_only:
-        return f" (up to {100 * one.unseen:.0f} % unseen: bounds only)"
-    return (
-        f" (up to {100 * one.unseen:.0f} % unseen)" if one.unseen > UNSEEN else ""
-    )
+    if one.unseen <= UNSEEN:
+        return ""
+    alone = ": bounds only" if one.bounds_only else ""
+    return f" (up to {100 * one.unseen:.0f} % unseen{alone})"
 
 
 def experiment_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
     """(planned measurement, expected reduction of the variance, standard deviation afterwards)."""
-    falls, deviation = f"{100 * one['reduction']:.0f} %", f"{one['deviation']:.3g}"
-    return experiment_text(one), falls, deviation
-
-
-def experiment_text(one: Mapping[str, Any]) -> str:
-    """A planned measurement in words."""
-    text = f"{words.power_text(float(one['hold_time']))} s"
+    plan = [f"{words.power_text(float(one['hold_time']))} s"]
     for name, unit in (("load", "nN"), ("temperature", "K")):
         if name in one:
-            text += f", {one[name]:g} {unit}"
-    return text
+            plan.append(f"{one[name]:g} {unit}")
+    falls, deviation = f"{100 * one['reduction']:.0f} %", f"{one['deviation']:.3g}"
+    return ", ".join(plan), falls, deviation
 
 
 def _parameters(fit: Mapping[str, Any]) -> str:
-    values, errors = fit.get("parameters", {}), fit.get("errors", {})
     texts = []
-    for name, value in values.items():
-        word, _, unit = name.partition(" (")
-        texts.append(
-            f"{word} {words.plus_minus(value, errors.get(name, math.nan), unit.removesuffix(')'))}"
-        )
+    for name, value in fit.get("parameters", {}).items():
+        word, _, unit = name.removesuffix(")").partition(" (")
+        error = fit["errors"].get(name, math.nan)
+        texts.append(f"{word} {words.plus_minus(value, error, unit)}")
     return "; ".join(texts) if len(texts) <= 3 else f"{len(texts)} weights"
 
 
@@ -217,9 +182,3 @@ def _several(values: list[float], unit: str) -> str:
     if len(different) > 3:
         return f"{different[0]:g} to {different[-1]:g} {unit}"
     return f"{', '.join(f'{value:g}' for value in different)} {unit}"
-
-
-def _largest_residual(one: Inference) -> str:
-    residuals = one.residuals
-    at = int(np.abs(residuals).argmax())
-    return f"{residuals[at]:+.1f} standard errors at {words.power_text(one.hold_times[at])} s"
