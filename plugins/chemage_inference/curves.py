@@ -164,9 +164,14 @@ class MeasuredCurve(Record):
                 "3 % is 0.03",
             )
         name, there = measurements.name, measurements.error
-        given = {"load": load, "temperature": temperature}
+        given = {
+            "load": measurements.load if load is None else force(load),
+            "temperature": measurements.temperature
+            if temperature is None
+            else temperature,
+        }
         for what, value in given.items():
-            if value is None and getattr(measurements, what) is None:
+            if value is None:
                 raise InputError(
                     f"{name}: no column {what}; add it, or give {what}"
                 )
@@ -180,21 +185,17 @@ class MeasuredCurve(Record):
                 f"{name}: has a column error, and relative_error is given as well; leave one out: a common scale of "
                 "the stated errors is inferred anyway"
             )
+        if there is None:
+            there = np.abs(measurements.values) * relative_error
         kept = measurements.hold_times > 0
-        values = measurements.values[kept]
         return cls(
             name=name,
-            load=measurements.load if load is None else force(load),
-            temperature=measurements.temperature
-            if temperature is None
-            else temperature,
+            **given,
             temperature_unit=measurements.temperature_unit,
             quantity=measurements.quantity,
             hold_times=measurements.hold_times[kept],
-            values=values,
-            errors=np.abs(values) * float(relative_error or 0)
-            if there is None
-            else there[kept],
+            values=measurements.values[kept],
+            errors=there[kept],
             instrument=measurements.instrument,
             notes=measurements.notes,
         )

@@ -105,12 +105,9 @@ def energy_grid(
 ) -> EnergyGrid:
     """Nodes for hold times (s) at temperatures (K), where pressure lowers barriers by up to ``lowering`` eV."""
     kt = KB * temperatures
-    low = float(np.min(kt * np.log(chemistry.attempt_frequency * times)))
-    high = (
-        float(np.max(kt * np.log(chemistry.attempt_frequency * times))) + lowering
-    )
-    low, high = low - BELOW, high + ABOVE + 2 * float(kt.max())
-    low = max(low, -0.5)
+    reacting = kt * np.log(chemistry.attempt_frequency * times)
+    low = max(float(reacting.min()) - BELOW, -0.5)
+    high = float(reacting.max()) + lowering + ABOVE + 2 * float(kt.max())
     step = max(float(kt.min()) / NODES_PER_KT, (high - low) / MOST_NODES)
     return EnergyGrid(low, step, math.ceil((high - low) / step) + 1)
 
@@ -248,7 +245,7 @@ class Environments:
     coupling: np.ndarray
     #: (M, k) uniform numbers of the neighbours; above 1 where there is none
     uniform: np.ndarray
-    #: (M,) number of the group, 0 … groups − 1
+    #: (M,) number of the group, 0 … groups − 1, ascending
     group: np.ndarray
     groups: int
 
@@ -276,28 +273,21 @@ class MeanField:
     def __init__(
         self, kernel: Kernel, environments: Environments, temperature: float
     ) -> None:
-        self.kernel, self.environments, self.kt = (
-            kernel,
-            environments,
-            KB * temperature,
-        )
+        self.kernel, self.environments = kernel, environments
+        self.kt = KB * temperature
         self.times, self._rows = kernel.times, np.arange(kernel.times.size)[:, None]
 
     def solve(self, density: np.ndarray, start: np.ndarray | None = None) -> Solved:
         """The shares of ``density`` (n,), and their derivative; ``start`` (groups, l) are shares to begin from."""
         table = self.kernel.of_density(density)
-        shares = (
-            np.zeros((self.environments.groups, self.times.size))
-            if start is None
-            else start
-        )
+        shares = np.zeros((self.environments.groups, self.times.size))
+        if start is not None:
+            shares = start
         for _ in range(MOST_SWEEPS):
             *_, shifts = self._shifted(shares)
             left, part = self.kernel.places(shifts)
-            values = (
-                table[self._rows, left] * (1 - part)
-                + table[self._rows, left + 1] * part
-            )
+            below, above = table[self._rows, left], table[self._rows, left + 1]
+            values = below * (1 - part) + above * part
             before, shares = shares, self._means(values)
             if float(np.abs(shares - before).max()) < CONVERGED:
                 break
@@ -306,16 +296,9 @@ class MeanField:
     def _means(self, values: np.ndarray) -> np.ndarray:
         """Means over the environments of each group: (l, M) -> (groups, l)."""
         env = self.environments
-        order, edges = self._order
-        sums = np.add.reduceat(values[:, order], edges, axis=1)
+        edges = np.searchsorted(env.group, np.arange(env.groups))
+        sums = np.add.reduceat(values, edges, axis=1)
         return (sums / (env.shares * env.group.size)).T
-
-    @cached_property
-    def _order(self) -> tuple[np.ndarray, np.ndarray]:
-        order = np.argsort(self.environments.group, kind="stable")
-        return order, np.searchsorted(
-            self.environments.group[order], np.arange(self.environments.groups)
-        )
 
     def _events(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When each neighbour bonds, in order, (M, k) s (inf: never), and exp(−h/k_BT) before and after, (M, k + 1)."""

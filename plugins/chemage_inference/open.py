@@ -82,14 +82,9 @@ def _effective(chains: np.ndarray) -> float:
 def sampled(one: Any) -> dict[str, np.ndarray]:
     """Name -> (chains, draws, ...) of everything that was sampled."""
     chains = int(one.diagnostics.get("chains", 1))
-    named = {
-        **one.scalars,
-        **{
-            name.replace(" ", "_"): values
-            for name, values in one.error_terms.items()
-        },
-    }
-    every = {"density": one.samples, **named}
+    every = {"density": one.samples, **one.scalars}
+    for name, values in one.error_terms.items():
+        every[name.replace(" ", "_")] = values
     return {
         name: values.reshape(chains, -1, *values.shape[1:])
         for name, values in every.items()
@@ -98,19 +93,20 @@ def sampled(one: Any) -> dict[str, np.ndarray]:
 
 def statistics(one: Any) -> dict[str, dict[str, np.ndarray]]:
     """Name -> mean, sd, ess_bulk and r_hat of the samples that are kept, of every energy for the density."""
+    measures = {
+        "mean": np.mean,
+        "sd": np.std,
+        "ess_bulk": effective,
+        "r_hat": r_hat,
+    }
     table = {}
     for name, values in sampled(one).items():
-        columns = values.reshape(*values.shape[:2], -1)
-        each = [columns[:, :, at] for at in range(columns.shape[2])]
-        found = {
-            "mean": [column.mean() for column in each],
-            "sd": [column.std() for column in each],
-            "ess_bulk": [effective(column) for column in each],
-            "r_hat": [r_hat(column) for column in each],
-        }
+        chains, draws, *shape = values.shape
+        columns = values.reshape(chains, draws, -1)
+        every = [columns[:, :, at] for at in range(columns.shape[2])]
         table[name] = {
-            key: np.array(numbers).reshape(values.shape[2:])
-            for key, numbers in found.items()
+            key: np.array([measure(column) for column in every]).reshape(shape)
+            for key, measure in measures.items()
         }
     return table
 
@@ -139,25 +135,22 @@ def datatree(one: Any) -> Any:
     }
     groups = {}
     for group, names in _GROUPS.items():
-        variables, dim = {}, "energy" if "density" in names else "point"
-        for name, field in names.items():
-            _, unit, _ = one.arrays[field]
-            variables[name] = getattr(one, field), (dim,), unit
-        if group == "posterior":
-            numbers = {**sampled(one)}
-            del numbers["density"]
-            scalars = {key: (v.reshape(-1), (), "") for key, v in numbers.items()}
-            variables |= scalars
-        count = chains if group.startswith("posterior") else 1
+        dim = "energy" if "density" in names else "point"
+        drawn, shape = ("chain", "draw"), (1, -1)
+        if group.startswith("posterior"):
+            shape = chains, -1
+        if group == "observed_data":
+            drawn = shape = ()
         arrays = {}
-        for name, (values, dims, unit) in variables.items():
-            if group != "observed_data":
-                values = values.reshape(count, -1, *values.shape[1:])
-                dims = "chain", "draw", *dims
-            arrays[name] = dims, values, {"units": unit}
+        for name, field in names.items():
+            values, (_, unit, _) = getattr(one, field), one.arrays[field]
+            values = values.reshape(*shape, values.shape[-1])
+            arrays[name] = (*drawn, dim), values, {"units": unit}
+        if group == "posterior":
+            for name, values in sampled(one).items():
+                arrays.setdefault(name, (drawn, values, {"units": ""}))
         dataset = xarray.Dataset(arrays, coordinates[dim])
-        if group != "observed_data":
-            draws = range(dataset.sizes["draw"])
-            dataset = dataset.assign_coords(chain=range(count), draw=draws)
+        for of in drawn:
+            dataset = dataset.assign_coords({of: range(dataset.sizes[of])})
         groups[f"/{group}"] = dataset.assign_attrs(inference_library="chemage")
     return xarray.DataTree.from_dict(groups)

@@ -97,18 +97,20 @@ class Prior:
         smoothness, length, strength = self.combinations[choice]
         distance = np.abs(self.nodes[:, None] - self.nodes) / length
         covariance = strength**2 * matern(smoothness, distance) + LEVEL_SPREAD**2
-        covariance[np.diag_indices_from(covariance)] += 1e-6 * (
-            strength**2 + LEVEL_SPREAD**2
-        )
-        return covariance
+        rounding = 1e-6 * (strength**2 + LEVEL_SPREAD**2)
+        return covariance + rounding * np.eye(self.nodes.size)
+
+    @cached_property
+    def factors(self) -> list[np.ndarray]:
+        """Of each choice the (n, n) lower triangle whose square is the covariance."""
+        choices = range(len(self.combinations))
+        return [algebra.cholesky(self.covariance(choice)) for choice in choices]
 
     @cached_property
     def precisions(self) -> tuple[np.ndarray, np.ndarray]:
         """(choices, n, n) inverse covariances, and (choices,) minus half the logarithms of their determinants."""
         inverses, logs = [], []
-        for choice in range(len(self.combinations)):
-            covariance = self.covariance(choice)
-            lower = algebra.cholesky(covariance)
+        for lower in self.factors:
             root = algebra.forward(lower, np.eye(len(lower)))
             inverses.append(algebra.product(root.T, root))
             logs.append(-np.log(np.diag(lower)).sum())
@@ -119,29 +121,17 @@ class Prior:
     ) -> np.ndarray:
         """(count, n) densities of the prior whose integral is at most 1."""
         densities: list[np.ndarray] = []
-        factors: dict[int, np.ndarray] = {}
         for _ in range(1000 * count):
-            choice = int(rng.integers(len(self.combinations)))
-            if choice not in factors:
-                factors[choice] = algebra.cholesky(self.covariance(choice))
-            density = np.maximum(
-                LEVEL
-                + algebra.product(
-                    factors[choice], rng.standard_normal(self.nodes.size)
-                ),
-                0.0,
-            )
+            factor = self.factors[int(rng.integers(len(self.factors)))]
+            normal = rng.standard_normal(self.nodes.size)
+            density = np.maximum(LEVEL + algebra.product(factor, normal), 0.0)
             if algebra.product(density, areas) <= 1.0:
                 densities.append(density)
                 if len(densities) == count:
                     break
-        while (
-            len(densities) < count
-        ):  # a range of energies so wide that hardly any density has an integral below 1
-            densities.append(
-                densities[-1] if densities else np.zeros(self.nodes.size)
-            )
-        return np.stack(densities)
+        # of a range of energies so wide that hardly any density has an integral below 1, the last one
+        last = densities[-1:] or [np.zeros(self.nodes.size)]
+        return np.stack(densities + last * (count - len(densities)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -469,18 +459,13 @@ class Hidden:
     def __init__(self, grid: EnergyGrid, first: int, stop: int) -> None:
         from scipy.special import ndtr
 
-        self.here, self.step, self.areas = (
-            slice(first, stop),
-            grid.step,
-            grid.areas[first:stop],
-        )
+        self.here = slice(first, stop)
+        self.step, self.areas = grid.step, grid.areas[first:stop]
         #: positions of the table are one step apart
         self.count = stop - first + 1
         edges = np.arange(self.count)
-        share = np.diff(
-            ndtr((edges - edges[:, None]) * grid.step / WIDTHS[:, None, None]),
-            axis=-1,
-        )
+        places = (edges - edges[:, None]) * grid.step
+        share = np.diff(ndtr(places / WIDTHS[:, None, None]), axis=-1)
         #: (widths, positions, stop - first) 1/eV, each of integral 1
         self.shapes = share / share.sum(axis=-1, keepdims=True) / self.areas
 
@@ -529,13 +514,8 @@ class Hidden:
         axes, tables = axes[:, told], np.ascontiguousarray(tables[..., told])
         base = algebra.product(base, axes)
         kt, widths = data.kt / self.step, WIDTHS / self.step
-        for each, weights, *of in zip(
-            peaks, data.weights, base, scale, strict=True
-        ):
-            table, uniforms = (
-                summed(weights, tables),
-                rng.random((MOVES, 4 * MOST + 4)),
-            )
+        for each, row, *of in zip(peaks, data.weights, base, scale, strict=True):
+            table, uniforms = summed(row, tables), rng.random((MOVES, 4 * MOST + 4))
             kernels.peaks_moved(each, *of, table, kt, widths, THERE, uniforms)
 
 
