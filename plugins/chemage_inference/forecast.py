@@ -185,23 +185,12 @@ def stated(where: str, conditions: Any, names: Sequence[str]) -> dict[str, Any]:
         if value is None:
             continue
         unit, example = STATED[name]
-        share = (
-            name == "error"
-            and isinstance(value, str)
-            and value.strip().endswith("%")
-        )
-        number = (
-            convert(value, "" if share else unit, f"{where}.{name}")
-            if name != "load"
-            else force(value)
-        )
+        share = name == "error" and str(value).strip().endswith("%")
+        field, unit = f"{where}.{name}", "" if share else unit
+        number = force(value) if name == "load" else convert(value, unit, field)
         if not 0 < number < np.inf:
-            raise InputError.of(
-                f"{where}.{name}",
-                value,
-                "must be above zero and finite",
-                f"such as {example}",
-            )
+            problem = "must be above zero and finite"
+            raise InputError.of(field, value, problem, f"such as {example}")
         found[name] = value if share else number
     return found
 
@@ -323,14 +312,8 @@ class Forecaster:
             raise InputError.of("hold_times", times.tolist(), problem, why)
         return newton, kelvin, times[times > 0]
 
-    def forecast(
-        self,
-        load: units.QuantityLike | None,
-        temperature: units.QuantityLike | None,
-        hold_times: Sequence[float] | np.ndarray | None,
-    ) -> Forecast:
-        """A forecast; what is None is as in the scene."""
-        newton, kelvin, times = self.conditions(load, temperature, hold_times)
+    def forecast(self, newton: float, kelvin: float, times: np.ndarray) -> Forecast:
+        """A forecast at a load (nN), a temperature (K) and hold times (s)."""
         unique, place = np.unique(times, return_inverse=True)
         with self.scene.in_use():
             samples, matrix = self.predicted(

@@ -214,12 +214,12 @@ def _check_chemistry(
     own = scene.chemistry.todict()
     left_out = {"forming", *unknowns.bounds, *scene.chemistry.limits}
     for curve in curves:
-        for name in sorted((own.keys() | curve.chemistry.keys()) - left_out):
-            theirs, ours = curve.chemistry.get(name), own.get(name)
-            if curve.chemistry and theirs != ours:
+        theirs = curve.chemistry
+        for name in sorted((own.keys() | theirs.keys()) - left_out):
+            if theirs and theirs.get(name) != own.get(name):
                 raise InputError(
-                    f"{curve.name}: measured with {name} = {in_words.shown(theirs)}, "
-                    f"scene {scene.name!r} has {in_words.shown(ours)}; "
+                    f"{curve.name}: measured with {name} = {in_words.shown(theirs.get(name))}, "
+                    f"scene {scene.name!r} has {in_words.shown(own.get(name))}; "
                     "infer curves of different chemistries apart, each with its own scene"
                 )
 

@@ -173,12 +173,12 @@ class Unknowns:
         splines = []
         for name, axis in self.axes.items():
             at, each = np.arange(axis.size), np.eye(axis.size)
-            # as the load rises, one pixel after the other comes into contact, as none does in truth
-            splines.append(
-                make_lsq_spline(at, each, np.repeat([0.0, at[-1]], 3), 2)
-                if name == LOAD
-                else make_interp_spline(at, each)
-            )
+            spline = make_interp_spline(at, each)
+            if name == LOAD:
+                # as it rises, one pixel after the other comes into contact, as none does in truth
+                knots = np.repeat([0.0, at[-1]], 3)
+                spline = make_lsq_spline(at, each, knots, 2)
+            splines.append(spline)
         return splines
 
     @cached_property
@@ -186,24 +186,16 @@ class Unknowns:
         """Those of B-splines, with their sizes, as of :func:`chemage_inference.kernels.spline_weights`."""
         from scipy.interpolate import BSpline
 
-        sizes = np.array(
-            [
-                (axis.size - 1, len(spline.c))
-                for axis, spline in zip(
-                    self.axes.values(), self._cardinals, strict=True
-                )
-            ],
-            dtype=np.int64,
-        ).reshape(-1, 2)
+        ends = [(spline.t[-1], len(spline.c)) for spline in self._cardinals]
+        sizes = np.array(ends, dtype=np.int64).reshape(-1, 2)
         powers = np.zeros((len(sizes), 4, *sizes.max(axis=0, initial=1)))
         for each, spline, (pieces, count) in zip(
             powers, self._cardinals, sizes, strict=True
         ):
             basis = BSpline(spline.t, np.eye(count), spline.k)
             for k in range(4):
-                each[k, :pieces, :count] = basis(
-                    np.arange(pieces), k
-                ) / math.factorial(k)
+                derivative = basis(np.arange(pieces), k)
+                each[k, :pieces, :count] = derivative / math.factorial(k)
         return powers, sizes
 
     def coefficients(self, array: np.ndarray) -> np.ndarray:

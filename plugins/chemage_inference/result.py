@@ -374,7 +374,9 @@ class Inference(Record):
         """
         there = self.scene if scene is None else load_scene(scene)
         rows = self._rows(checked_count("samples", samples))
-        made = Forecaster(self, there, rows).forecast(load, temperature, hold_times)
+        forecaster = Forecaster(self, there, rows)
+        asked = forecaster.conditions(load, temperature, hold_times)
+        made = forecaster.forecast(*asked)
         notes = self.critic.of_forecast(made.hold_times, made.samples, rows)
         return made.model_copy(update={"notes": (*made.notes, *notes)})
 
@@ -509,14 +511,6 @@ class InferenceResult:
     #: what they are to narrow, in words
     target: str = ""
 
-    def parts(self) -> dict[str, Record]:
-        """The objects to store, by group name."""
-        forecasts = {
-            f"forecast_{number}": forecast
-            for number, forecast in enumerate(self.forecasts.values(), 1)
-        }
-        return {"inference": self.inference, **forecasts}
-
     def write(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write it with its forecasts and planned measurements.
 
@@ -530,9 +524,10 @@ class InferenceResult:
             "experiments": list(self.experiments),
             "target": self.target,
         }
-        container.write(
-            path, self.parts(), {"asked": json.dumps(asked)}, force=force
-        )
+        parts: dict[str, Record] = {"inference": self.inference}
+        for number, forecast in enumerate(self.forecasts.values(), 1):
+            parts[f"forecast_{number}"] = forecast
+        container.write(path, parts, {"asked": json.dumps(asked)}, force=force)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> InferenceResult:
@@ -568,4 +563,4 @@ class InferenceResult:
             "experiments": list(self.experiments),
             "target": self.target,
         }
-        return text.jsonable({**self.inference.summary(), **rest})
+        return {**self.inference.summary(), **text.jsonable(rest)}
