@@ -442,7 +442,10 @@ class InferenceDisplay(OfRecord[Inference]):
             "data": Picture([data, residuals], (6.4, 5.6), columns=1),
             "predictive": Picture([predictive], _FILE),
         }
-        every = list(forecasts)
+        texts, every = [], list(forecasts)
+        for each in forecasts.items():
+            name, value, _, ends = forecast_row(*each)
+            texts.append(f"{name}: {ends if value == NONE else value}")
         groups = [every[at : at + MOST] for at in range(0, len(every), MOST)]
         drawn = [
             panel(
@@ -450,7 +453,7 @@ class InferenceDisplay(OfRecord[Inference]):
                 "-".join(some),
                 "Forecasts at conditions that were not measured: median, 68 and 90 % bands of the posterior; dashed: "
                 "bounds of 90 % where nearly all is unseen.",
-                f"Forecasts: {_forecasts_text(forecasts)}.",
+                f"Forecasts: {'; '.join(texts)}.",
                 3.6,
                 of=forecasts,
                 shown=some,
@@ -475,14 +478,6 @@ class InferenceDisplay(OfRecord[Inference]):
         if drawn:
             pictures["unknowns"] = Picture(drawn, (4.2 * len(drawn), 3.4))
         return pictures
-
-
-def _forecasts_text(forecasts: Mapping[str, Forecast]) -> str:
-    texts = []
-    for label, one in forecasts.items():
-        name, value, _, ends = forecast_row(label, one)
-        texts.append(f"{name}: {ends if value == NONE else value}")
-    return "; ".join(texts)
 
 
 @displays(Inference)

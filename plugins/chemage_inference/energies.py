@@ -194,12 +194,6 @@ class Kernel:
         weights += np.bincount((rows + left + 1).ravel(), above.ravel(), size)
         return weights.reshape(len(shift), self.shifts)
 
-    def of_density(self, density: np.ndarray) -> np.ndarray:
-        """(l, shifts): share of the sites of ``density`` (n,) that are bonded if all barriers are shifted."""
-        return np.einsum(
-            "lsj,j->ls", self.windows, algebra.product(self.grid.hats, density)
-        )
-
     def matrix(self, weights: np.ndarray) -> np.ndarray:
         """(l, n): derivative of the bonded share by the density, where shift s at time l has the weight [l, s]."""
         mixed = np.einsum("ls,lsj->lj", weights, self.windows)
@@ -279,26 +273,25 @@ class MeanField:
 
     def solve(self, density: np.ndarray, start: np.ndarray | None = None) -> Solved:
         """The shares of ``density`` (n,), and their derivative; ``start`` (groups, l) are shares to begin from."""
-        table = self.kernel.of_density(density)
+        hats = algebra.product(self.kernel.grid.hats, density)
+        # shares of the sites that are bonded if all barriers are shifted
+        table = np.einsum("lsj,j->ls", self.kernel.windows, hats)
         shares = np.zeros((self.environments.groups, self.times.size))
         if start is not None:
             shares = start
+        env = self.environments
+        edges = np.searchsorted(env.group, np.arange(env.groups))
+        sizes = env.shares * env.group.size
         for _ in range(MOST_SWEEPS):
             *_, shifts = self._shifted(shares)
             left, part = self.kernel.places(shifts)
             below, above = table[self._rows, left], table[self._rows, left + 1]
             values = below * (1 - part) + above * part
-            before, shares = shares, self._means(values)
+            sums = np.add.reduceat(values, edges, axis=1)
+            before, shares = shares, (sums / sizes).T
             if float(np.abs(shares - before).max()) < CONVERGED:
                 break
         return self._with_derivative(shares, table)
-
-    def _means(self, values: np.ndarray) -> np.ndarray:
-        """Means over the environments of each group: (l, M) -> (groups, l)."""
-        env = self.environments
-        edges = np.searchsorted(env.group, np.arange(env.groups))
-        sums = np.add.reduceat(values, edges, axis=1)
-        return (sums / (env.shares * env.group.size)).T
 
     def _events(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When each neighbour bonds, in order, (M, k) s (inf: never), and exp(−h/k_BT) before and after, (M, k + 1)."""

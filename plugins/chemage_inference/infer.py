@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -132,7 +133,13 @@ def infer(
     chemistry = check_scene(scene)
     load_error, nuisances = calibrations(calibration)
     error_model = ErrorModel.of(errors, **nuisances)
-    curves = _curves_of(measured, error_model.drift)
+    several = measured if isinstance(measured, list | tuple) else (measured,)
+    read = [
+        [one] if isinstance(one, MeasuredCurve) else read_curves(one)
+        for one in several
+    ]
+    curves = tuple(chain.from_iterable(read))
+    check_curves(curves, error_model.drift)
     for curve in curves:
         if curve.question:
             warnings.warn(curve.question, PlanWarning, stacklevel=3)
@@ -195,15 +202,6 @@ def calibrations(
             raise InputError.of(field, value, problem, remedy)
     errors["calibration"] = errors.pop("force")
     return errors.pop("load"), errors
-
-
-def _curves_of(measured: Any, drift: float) -> tuple[MeasuredCurve, ...]:
-    several = measured if isinstance(measured, list | tuple) else (measured,)
-    curves: list[MeasuredCurve] = []
-    for one in several:
-        curves += [one] if isinstance(one, MeasuredCurve) else read_curves(one)
-    check_curves(curves, drift)
-    return tuple(curves)
 
 
 def _check_chemistry(
@@ -299,6 +297,11 @@ def _inference(
     # with the scalars that the data allow
     rows = np.arange(len(prior)) % len(samples.positions)
     weights = unknowns.weights(samples.positions[rows])
+    # the forming barriers of the scene are not used
+    forming = model.chemistry.forming
+    used = [part for part in model.scene.components() if part is not forming]
+    cite = [text for part in used for text in part.cite]
+    cite += [value.source for value in model.scene.from_material]
     inference = Inference(
         energies=model.grid.nodes,
         samples=samples.densities,
@@ -339,7 +342,7 @@ def _inference(
             "scene": model.scene.todict(),
             "versions": versions(model.scene),
             "unknown": list(unknowns.bounds),
-            "cite": _cite(model),
+            "cite": list(dict.fromkeys(cite)),
         },
     )
     notes = dict.fromkeys(_notes(model, problem, samples, inference))
@@ -366,16 +369,6 @@ def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
         # a factor by its logarithm
         terms[label] = np.exp(drawn) if name == "calibration" else drawn
     return terms
-
-
-def _cite(model: Model) -> list[str]:
-    """What to cite: the publications of all parts of the scene but its forming barriers, which are not used."""
-    scene, forming = model.scene, model.chemistry.forming
-    used = [part for part in scene.components() if part is not forming]
-    texts = [text for part in used for text in part.cite]
-    return list(
-        dict.fromkeys([*texts, *(value.source for value in scene.from_material)])
-    )
 
 
 def _notes(

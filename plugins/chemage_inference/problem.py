@@ -478,37 +478,30 @@ class Hidden:
         uniforms = rng.random((len(redrawn), 4, MOST))
         peaks = kernels.peaks_drawn(uniforms, last, len(WIDTHS), THERE)
         if data is not None and len(redrawn):
-            self._move(peaks, redrawn, shares, data, rng)
+            # the peaks in the posterior, with the densities elsewhere
+            factor = data.factors[:, None]
+            seen = values_of(redrawn, data.weights, data.matrices, data.offsets)
+            base, scale = data.values - factor * seen, data.factors * shares
+            # only combinations of the measurements that the peaks change
+            here = np.moveaxis(data.matrices[:, :, self.here], 1, 2)
+            rows = here.reshape(-1, here.shape[2])
+            axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0).T
+            each = algebra.product(here, axes)
+            tables = np.stack([algebra.product(self.shapes, one) for one in each])
+            told = np.abs(tables).max(axis=(0, 1, 2)) > NEGLIGIBLE
+            tables = np.ascontiguousarray(tables[..., told])
+            base = algebra.product(base, axes[:, told])
+            kt, widths = data.kt / self.step, WIDTHS / self.step
+            samples = zip(peaks, data.weights, base, scale, strict=True)
+            for some, row, *of in samples:
+                table, uniforms = (
+                    summed(row, tables),
+                    rng.random((MOVES, 4 * MOST + 4)),
+                )
+                kernels.peaks_moved(some, *of, table, kt, widths, THERE, uniforms)
         for density, share, each in zip(redrawn, shares, peaks, strict=True):
             density[self.here] = share * kernels.of_peaks(each, self.shapes)
         return redrawn
-
-    def _move(
-        self,
-        peaks: np.ndarray,
-        rest: np.ndarray,
-        shares: np.ndarray,
-        data: Data,
-        rng: np.random.Generator,
-    ) -> None:
-        """Move ``peaks`` (S, 4, k) :data:`MOVES` times in the posterior, with the densities ``rest`` (S, n)
-        elsewhere."""
-        factor = data.factors[:, None]
-        seen = values_of(rest, data.weights, data.matrices, data.offsets)
-        base, scale = data.values - factor * seen, data.factors * shares
-        # only combinations of the measurements that the peaks change
-        here = np.moveaxis(data.matrices[:, :, self.here], 1, 2)
-        rows = here.reshape(-1, here.shape[2])
-        axes = algebra.row_axes(algebra.product(rows.T, rows), 0.0).T
-        projected = algebra.product(here, axes)
-        tables = np.stack([algebra.product(self.shapes, one) for one in projected])
-        told = np.abs(tables).max(axis=(0, 1, 2)) > NEGLIGIBLE
-        axes, tables = axes[:, told], np.ascontiguousarray(tables[..., told])
-        base = algebra.product(base, axes)
-        kt, widths = data.kt / self.step, WIDTHS / self.step
-        for each, row, *of in zip(peaks, data.weights, base, scale, strict=True):
-            table, uniforms = summed(row, tables), rng.random((MOVES, 4 * MOST + 4))
-            kernels.peaks_moved(each, *of, table, kt, widths, THERE, uniforms)
 
 
 def redrawn_outside(
