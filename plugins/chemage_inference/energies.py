@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -249,8 +250,7 @@ class Environments:
         return np.bincount(self.group, minlength=self.groups) / self.group.size
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
+class Solved(NamedTuple):
     """The mean field of one density."""
 
     #: (groups, l) bonded shares

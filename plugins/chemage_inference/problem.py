@@ -23,7 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -429,8 +429,7 @@ MOVES = 1000
 NEGLIGIBLE = 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class Data:
+class Data(NamedTuple):
     """What the measurements say of S densities: values, errors and model in standard errors."""
 
     #: (g, m, n): coefficients over the grid of scalars
@@ -520,7 +519,7 @@ def redrawn_outside(
     redrawn, some = densities.copy(), densities[chosen]
     if data is not None:
         weights, factors = data.weights[chosen], data.factors[chosen]
-        data = replace(data, weights=weights, factors=factors)
+        data = data._replace(weights=weights, factors=factors)
     if inside[0]:
         below = Hidden(grid, 0, int(inside[0]))
         some = below.redrawn(some, below.integral(some), rng, data)

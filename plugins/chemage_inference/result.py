@@ -421,12 +421,16 @@ class Inference(Record):
             name: {key: value for key, value in fit.items() if key != "density"}
             for name, fit in self.families.items()
         }
+        scalars, errors = (
+            {name: in_numbers(values) for name, values in each.items()}
+            for each in (self.scalars, self.error_terms)
+        )
         return text.jsonable(
             {
                 **{name: getattr(self, name) for name in _SUMMED},
                 **bands(self.samples),
-                "scalars": _in_numbers(self.scalars),
-                "errors": _in_numbers(self.error_terms),
+                "scalars": scalars,
+                "errors": errors,
                 "suspects": self.suspects(),
                 "families": families,
                 "points": self.hold_times.size,
@@ -456,10 +460,6 @@ _UNITS = {
     "offset": "nN",
     **{name: unit for name, (unit, _) in UNITS.items()},
 }
-
-
-def _in_numbers(sampled: Mapping[str, np.ndarray]) -> dict[str, dict[str, Any]]:
-    return {name: in_numbers(values) for name, values in sampled.items()}
 
 
 def quantities(one: Inference) -> list[Quantity]:

@@ -12,7 +12,7 @@ from seen import figures as inference_figures
 from seen import result_of
 
 import chemage as ca
-from chemage_inference import wording as words
+from chemage_inference import display as words
 from chemage_inference.energies import EnergyGrid, bonded_probability, energy_grid
 from chemage_inference.forward import check_scene, largest_lowering, make_condition
 from chemage_inference.kernels import (
