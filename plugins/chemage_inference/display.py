@@ -486,14 +486,14 @@ class InferenceDisplay(OfRecord[Inference]):
         }
 
     def made_by(self) -> Mapping[str, Any]:
-        return {"scene": self._made.get("scene", {})}
+        return {"scene": self.record.provenance.get("scene", {})}
 
     def stated(self) -> tuple[str, Mapping[str, Any]]:
         about = (
             "The scene that says everything but the density, in internal units (nm, nN, GPa, eV, s, K). Its section "
             "forming, its load, temperature and hold times were not used."
         )
-        return about, self._made.get("scene", {})
+        return about, self.made_by()["scene"]
 
     def tables(self) -> list[Table]:
         result, one, tables = self.result, self.record, []
