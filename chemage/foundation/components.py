@@ -219,15 +219,16 @@ def call_with(method: Callable[..., Any], *arguments: Any, **offered: Any) -> An
 
     By this, a role's method can be offered more than when the component was written.
     """
+    taken = {
+        name: value for name, value in offered.items() if takes(method, name)
+    }
+    return method(*arguments, **taken)
+
+
+def takes(method: Callable[..., Any], name: str) -> bool:
+    """Whether the signature of ``method`` has an argument of this name."""
     named = _named(getattr(method, "__func__", method))
-    return method(
-        *arguments,
-        **{
-            name: value
-            for name, value in offered.items()
-            if named is None or name in named
-        },
-    )
+    return named is None or name in named
 
 
 @lru_cache(maxsize=1024)

@@ -87,7 +87,6 @@ class OwnRuptureMethod:
         partners: Partners | None,
         ramp: Ramp | None,
     ) -> PullHistory:
-        how = {} if ramp is None else {"ramp": ramp}
         return engine.run(
             lattice,
             drive,
@@ -96,7 +95,7 @@ class OwnRuptureMethod:
             seed=seed,
             start=start,
             partners=partners,
-            **how,
+            ramp=ramp,
         )
 
 

@@ -18,7 +18,7 @@ from chemage.foundation.checks import (
     expect,
     temperature_value,
 )
-from chemage.foundation.components import Component
+from chemage.foundation.components import Component, takes
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
 from chemage.foundation.outputs import recording
@@ -235,15 +235,12 @@ class PullHistory(Followed):
         )
 
     @classmethod
-    def of_parts(cls, parts: Sequence[Any]) -> Self:
+    def of_parts(cls, parts: Sequence[Any], **changes: Any) -> Self:
         """See :meth:`Followed.of_parts`; the peak is that of all."""
         highest = max(parts, key=lambda one: one.peak)
-        peak = ("peak", "peak_displacement", "peak_time")
-        return (
-            super()
-            .of_parts(parts)
-            .model_copy(update={name: getattr(highest, name) for name in peak})
-        )
+        for name in ("peak", "peak_displacement", "peak_time"):
+            changes[name] = getattr(highest, name)
+        return super().of_parts(parts, **changes)
 
     def raised(self, change: np.ndarray) -> Self:
         """See :meth:`Followed.raised`; those of partners that sites have met are higher as well."""
@@ -329,21 +326,7 @@ class Pulling(Component, ABC):
         partners: Partners | None,
     ) -> PullHistory:
         """Run on validated input: ``times`` (m,) s, not before the end of ``start``; ``partners`` None where sites keep
-        theirs."""
-
-    def _follow_ramp(
-        self,
-        lattice: ReactionLattice,
-        drive: Drive,
-        times: np.ndarray,
-        temperature: float,
-        ramp: Ramp,
-        seed: Seed,
-        start: Start,
-        partners: Partners | None,
-    ) -> PullHistory:
-        """The same where conditions change: to those of ``ramp``, whose temperature is in K."""
-        raise InputError(f"pulling {self.kind!r} takes no ramp; pull in steps")
+        theirs. One that follows ramps adds ``ramp=None``: a :class:`Ramp` as :meth:`Ramp.checked` gives it."""
 
     def run(
         self,
@@ -415,15 +398,19 @@ class Pulling(Component, ABC):
             raise InputError(
                 "partners: give two quantiles or more, and one shift for each site"
             )
-        with recording() as recorded:
-            rest = seed, start, partners if drive.partner == "new" else None
-            if ramp is None:
-                pulled = self._run(lattice, drive, moments, kelvin, *rest)
-            else:
-                ramp = ramp.checked(lattice, kelvin, drive.speed)
-                pulled = self._follow_ramp(
-                    lattice, drive, moments, kelvin, ramp, *rest
+        how = {}
+        if ramp is not None:
+            how["ramp"] = ramp.checked(lattice, kelvin, drive.speed)
+            if not takes(self._run, "ramp"):
+                raise InputError(
+                    f"pulling {self.kind!r} takes no ramp; pull in steps"
                 )
+        if drive.partner == "kept":
+            partners = None
+        with recording() as recorded:
+            pulled = self._run(
+                lattice, drive, moments, kelvin, seed, start, partners, **how
+            )
         return pulled.finished(start, recorded)
 
 

@@ -109,7 +109,7 @@ class Followed(Observing, Record):
         return self.model_copy(update={**last, "outputs": {}, **changes})
 
     @classmethod
-    def of_parts(cls, parts: Sequence[Any]) -> Self:
+    def of_parts(cls, parts: Sequence[Any], **changes: Any) -> Self:
         """The history of what was followed in ``parts``, the last time of each of which is none of the whole; without
         what is pending."""
         last, along = parts[-1], list(cls.arrays[cls.of_times][0])
@@ -122,7 +122,8 @@ class Followed(Observing, Record):
             for name, output in last.outputs.items()
             if output["dims"][:1] == along
         }
-        return last.model_copy(update={**whole, "resume": counters_of(last.resume)})
+        whole["resume"] = counters_of(last.resume)
+        return last.model_copy(update={**whole, **changes})
 
     def finished(self, start: Any, recorded: Any) -> Self:
         """The same with the counters of ``start`` that its engine does not know, and what was recorded on the way."""

@@ -55,14 +55,13 @@ class OwnEngineMethod:
         start: BondHistory | None,
         ramp: Ramp | None,
     ) -> BondHistory:
-        how = {} if ramp is None else {"ramp": ramp}
         return engine.run(
             lattice,
             hold_times,
             temperature=temperature,
             seed=seed,
             start=start,
-            **how,
+            ramp=ramp,
         )
 
 

@@ -17,7 +17,7 @@ from chemage.foundation.checks import (
     expect,
     temperature_value,
 )
-from chemage.foundation.components import Component
+from chemage.foundation.components import Component, takes
 from chemage.foundation.errors import InputError
 from chemage.foundation.outputs import recording
 from chemage.foundation.units import QuantityLike
@@ -163,21 +163,10 @@ class Engine(Component, ABC):
         start: BondHistory | np.ndarray | None,
     ) -> BondHistory:
         """Run on validated input: ``hold_times`` (m,) s non-decreasing ≥ 0, ``temperature`` K > 0,
-        ``start`` None (nothing bonded), (n,) bool, or a history whose lattice has the same number of sites."""
+        ``start`` None (nothing bonded), (n,) bool, or a history whose lattice has the same number of sites.
 
-    def _follow_ramp(
-        self,
-        lattice: ReactionLattice,
-        hold_times: np.ndarray,
-        temperature: float,
-        ramp: Ramp,
-        seed: Seed,
-        start: BondHistory | np.ndarray | None,
-    ) -> BondHistory:
-        """The same where conditions change: to those of ``ramp``, whose temperature is in K."""
-        raise InputError(
-            f"engine {self.kind!r} takes no ramp; hold in steps, or use another engine (for example 'rejection-free')"
-        )
+        An engine that follows ramps adds ``ramp=None``: a :class:`Ramp` as :meth:`Ramp.checked` gives it.
+        """
 
     def run(
         self,
@@ -218,14 +207,16 @@ class Engine(Component, ABC):
         times, kelvin, start = self.checked(lattice, hold_times, temperature, start)
         if not isinstance(seed, np.random.SeedSequence):
             seed = checked_seed(seed)
-        with recording() as recorded:
-            if ramp is None:
-                history = self._run(lattice, times, kelvin, seed, start)
-            else:
-                ramp = ramp.checked(lattice, kelvin)
-                history = self._follow_ramp(
-                    lattice, times, kelvin, ramp, seed, start
+        how = {}
+        if ramp is not None:
+            how["ramp"] = ramp.checked(lattice, kelvin)
+            if not takes(self._run, "ramp"):
+                raise InputError(
+                    f"engine {self.kind!r} takes no ramp; hold in steps, or use another engine "
+                    "(for example 'rejection-free')"
                 )
+        with recording() as recorded:
+            history = self._run(lattice, times, kelvin, seed, start, **how)
         return history.finished(start, recorded)
 
     def checked(

@@ -426,7 +426,7 @@ class RampPart(NamedTuple):
     """the highest, K"""
     times: Array
     """s: those of the run, and the end"""
-    ramp: _common.RampBounds | None
+    bounds: _common.RampBounds | None
 
 
 def parts_of(

@@ -110,31 +110,19 @@ class KernelEngine(Engine):
         temperature: float,
         seed: Seed,
         start: BondHistory | Array | None,
-    ) -> BondHistory:
-        return self._follow(
-            Job(self.kind, lattice, hold_times, temperature, seed, start), None
-        )
-
-    def _follow_ramp(
-        self,
-        lattice: ReactionLattice,
-        hold_times: Array,
-        temperature: float,
-        ramp: Ramp,
-        seed: Seed,
-        start: BondHistory | Array | None,
+        ramp: Ramp | None = None,
     ) -> BondHistory:
         """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
-        begin = start.time if isinstance(start, BondHistory) else 0.0
+        if ramp is None:
+            how = lattice, hold_times, temperature, seed, start
+            return self._follow(Job(self.kind, *how), None)
+        begin = getattr(start, "time", 0.0)
         seen: list[BondHistory] = []
         for part in parts_of(lattice, hold_times, begin, temperature, ramp):
-            job = Job(
-                self.kind, part.lattice, part.times, part.temperature, seed, start
-            )
-            start = self._follow(job, part.ramp)
+            how = part.lattice, part.times, part.temperature, seed, start
+            start = self._follow(Job(self.kind, *how), part.bounds)
             seen.append(start)
-        whole = BondHistory.of_parts(seen)
-        return whole.model_copy(update={"temperature": ramp.temperature})
+        return BondHistory.of_parts(seen, temperature=ramp.temperature)
 
     @abstractmethod
     def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
@@ -526,7 +514,7 @@ class Auto(FlickerEngine, ThreadedEngine):
     kind = "auto"
     many_states: ClassVar[bool] = True
 
-    def choose(self, lattice: ReactionLattice) -> tuple[Engine, str]:
+    def choose(self, lattice: ReactionLattice) -> tuple[KernelEngine, str]:
         """The engine for this lattice, and why."""
         if lattice.states is not None:
             return ManyStates(), f"sites are {', '.join(lattice.states)}"
@@ -578,29 +566,11 @@ class Auto(FlickerEngine, ThreadedEngine):
         temperature: float,
         seed: Seed,
         start: BondHistory | Array | None,
+        ramp: Ramp | None = None,
     ) -> BondHistory:
-        return self._by_choice(
-            lattice, "_run", hold_times, temperature, seed, start
-        )
-
-    def _follow_ramp(
-        self,
-        lattice: ReactionLattice,
-        hold_times: Array,
-        temperature: float,
-        ramp: Ramp,
-        seed: Seed,
-        start: BondHistory | Array | None,
-    ) -> BondHistory:
-        how = hold_times, temperature, ramp, seed, start
-        return self._by_choice(lattice, "_follow_ramp", *how)
-
-    def _by_choice(
-        self, lattice: ReactionLattice, method: str, *arguments: Any
-    ) -> BondHistory:
-        """What a method of the engine of choice gives."""
         engine, reason = self.choose(lattice)
-        history = getattr(engine, method)(lattice, *arguments)
+        how = hold_times, temperature, seed, start, ramp
+        history = engine._run(lattice, *how)
         note = f"engine auto took {engine.kind}: {reason}"
         return history.model_copy(
             update={"engine": self.kind, "notes": (note, *history.notes)}

@@ -93,22 +93,12 @@ class EventDriven(Pulling):
         seed: Seed,
         start: Any,
         partners: Partners | None,
-    ) -> PullHistory:
-        how = lattice, times, temperature, seed, start, drive, partners
-        return self._follow(_Job(self.kind, *how), None)
-
-    def _follow_ramp(
-        self,
-        lattice: ReactionLattice,
-        drive: Drive,
-        times: Array,
-        temperature: float,
-        ramp: Ramp,
-        seed: Seed,
-        start: Any,
-        partners: Partners | None,
+        ramp: Ramp | None = None,
     ) -> PullHistory:
         """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
+        if ramp is None:
+            how = lattice, times, temperature, seed, start, drive, partners
+            return self._follow(_Job(self.kind, *how), None)
         begin = since = getattr(start, "time", 0.0)
         seen: list[PullHistory] = []
         assert ramp.lattice is not None
@@ -128,13 +118,13 @@ class EventDriven(Pulling):
             own, since = drive.replace(speed=mean), until
             how = part.lattice, part.times, part.temperature, seed, start
             job = _Job(self.kind, *how, own, partners, rise)
-            start = self._follow(job, part.ramp)
+            start = self._follow(job, part.bounds)
             seen.append(start)
-        last = PullHistory.of_parts(seen).raised(ramp.lattice.forming - before)
-        end = drive.replace(speed=ramp.speed)
-        return last.model_copy(
-            update={"temperature": ramp.temperature, "drive": end.todict()}
+        end = drive.replace(speed=ramp.speed).todict()
+        whole = PullHistory.of_parts(
+            seen, temperature=ramp.temperature, drive=end
         )
+        return whole.raised(ramp.lattice.forming - before)
 
     def _follow(self, job: _Job, ramp: RampBounds | None) -> PullHistory:
         self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
