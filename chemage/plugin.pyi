@@ -53,6 +53,7 @@ from chemage.foundation.records import Named as Named
 from chemage.ageing.observables import Observable as Observable
 from chemage.ageing.observables import Observed as Observed
 from chemage.foundation.result import OfRecord as OfRecord
+from chemage.ageing.methods import Origin as Origin
 from chemage.studies.tasks import Outcome as Outcome
 from chemage.foundation.outputs import Output as Output
 from chemage.foundation.result import Panel as Panel

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -48,13 +49,24 @@ class Origin(NamedTuple):
     """Where the bonds of a replica come from."""
 
     #: kind of the engine
-    engine: str
+    engine: str = ""
     #: what users should know, in words
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
     #: plugins that answered or changed a stage on the way: name -> distribution and version
-    plugins: Plugins
+    plugins: Mapping[str, str] = MappingProxyType({})
     #: what was approximate on the way
-    approximate: list[dict[str, Any]]
+    approximate: Sequence[Mapping[str, Any]] = ()
+
+    def then(self, *parts: Any) -> Origin:
+        """The same with that of ``parts``, records or origins, which were made later."""
+        every = (self, *parts)
+        notes = [note for part in every for note in getattr(part, "notes", ())]
+        return Origin(
+            self.engine,
+            tuple(dict.fromkeys(notes)),
+            {name: by for part in every for name, by in part.plugins.items()},
+            [entry for part in every for entry in part.approximate],
+        )
 
 
 class Replica(NamedTuple):
@@ -65,17 +77,8 @@ class Replica(NamedTuple):
 
     def origin(self, *later: Record) -> Origin:
         """Where its bonds come from, and what was made of them ``later``."""
-        parts = (self.lattice, self.history, *later)
-        return Origin(
-            self.history.engine,
-            self.history.notes,
-            {
-                name: source
-                for part in parts
-                for name, source in part.plugins.items()
-            },
-            [entry for part in parts for entry in part.approximate],
-        )
+        made = self.lattice, self.history, *later
+        return Origin(self.history.engine).then(*made)
 
 
 @dataclass(frozen=True)
@@ -180,22 +183,23 @@ class AgeingRequest:
         self,
         name: str,
         kind: type[R],
-        make: Callable[[], R],
-        *,
         key: Any,
+        make: Callable[..., R],
+        *arguments: Any,
+        **how: Any,
     ) -> R:
-        """What ``make`` gives, of this ``kind``; with checkpoints from the file ``name``, where it was kept under an
-        equal ``key`` and the same plugins."""
+        """What ``make`` gives with these arguments, of this ``kind``; with checkpoints from the file ``name``, where it
+        was kept under an equal ``key`` and the same plugins."""
         if self.checkpoints is None:
-            return make()
+            return make(*arguments, **how)
         path, content = self.checkpoints / f"{name}.h5", content_hash(key)
-        how: dict[str, Any] = {"run": self._key, "before": self.contact.plugins}
-        how["hooks"] = ("chemage_run_kinetics", "chemage_pull_bonds")
+        file: dict[str, Any] = {"run": self._key, "before": self.contact.plugins}
+        file["hooks"] = ("chemage_run_kinetics", "chemage_pull_bonds")
         other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
-        record = resumed(path, "history", kind, content, other, **how)
+        record = resumed(path, "history", kind, content, other, **file)
         if record is None:
-            record = make()
-            keep(path, "history", record, content, **how)
+            record = make(*arguments, **how)
+            keep(path, "history", record, content, **file)
         return record
 
     def each(self, task: Callable[[int], T]) -> list[T]:
@@ -248,17 +252,12 @@ class AgedBonds:
         **fields: Any,
     ) -> Self:
         """The bonds of ``replicas``, with where they come from; notes and engine are those of the first."""
+        every = Origin().then(*replicas)
         return cls(
             notes=(*notes, *replicas[0].notes),
             engine=replicas[0].engine,
-            plugins={
-                name: source
-                for replica in replicas
-                for name, source in replica.plugins.items()
-            },
-            approximate=[
-                entry for replica in replicas for entry in replica.approximate
-            ],
+            plugins=every.plugins,
+            approximate=every.approximate,
             **fields,
         )
 

@@ -219,9 +219,7 @@ def call_with(method: Callable[..., Any], *arguments: Any, **offered: Any) -> An
 
     By this, a role's method can be offered more than when the component was written.
     """
-    taken = {
-        name: value for name, value in offered.items() if takes(method, name)
-    }
+    taken = {name: value for name, value in offered.items() if takes(method, name)}
     return method(*arguments, **taken)
 
 

@@ -92,11 +92,25 @@ class Followed(Observing, Record):
             return f"bonds[-1] = {self.bonds[-1]}, but {bonded} sites are bonded in the state"
         return ""
 
+    @property
+    def events(self) -> int:
+        """Bonds formed and broken, together."""
+        return int(self.formed[-1] + self.broken[-1])
+
     @classmethod
     def curves(cls) -> list[str]:
         """The arrays with a value at each time."""
         along = cls.arrays[cls.of_times][0]
         return [name for name, (dims, _, _) in cls.arrays.items() if dims == along]
+
+    def recorded(self) -> dict[str, np.ndarray]:
+        """What was recorded on the way with a value at each time."""
+        first = self.arrays[self.of_times][0][0]
+        return {
+            name: values
+            for name, values in self.observables.items()
+            if first in self.outputs[name]["dims"][:1]
+        }
 
     def handed_on(self, **changes: Any) -> Self:
         """The state of the contact at the end, from which something else begins: without what is pending."""
@@ -112,15 +126,14 @@ class Followed(Observing, Record):
     def of_parts(cls, parts: Sequence[Any], **changes: Any) -> Self:
         """The history of what was followed in ``parts``, the last time of each of which is none of the whole; without
         what is pending."""
-        last, along = parts[-1], list(cls.arrays[cls.of_times][0])
+        last = parts[-1]
         whole: dict[str, Any] = {
             name: np.concatenate([getattr(one, name)[:-1] for one in parts])
             for name in cls.curves()
         }
         whole["observables"] = dict(last.observables) | {
             name: np.concatenate([one.observables[name][:-1] for one in parts])
-            for name, output in last.outputs.items()
-            if output["dims"][:1] == along
+            for name in last.recorded()
         }
         whole["resume"] = counters_of(last.resume)
         return last.model_copy(update={**whole, **changes})
@@ -250,11 +263,6 @@ class BondHistory(Followed):
             if int(counts[-1]) > MOST_EVENTS or np.any(counts[1:] < counts[:-1]):
                 return f"{name} falls, or exceeds {MOST_EVENTS}"
         return super().fault()
-
-    @property
-    def events(self) -> int:
-        """Bonds formed and broken, together."""
-        return int(self.formed[-1] + self.broken[-1])
 
     def then(self, later: BondHistory) -> BondHistory:
         """This history and ``later``, which went on from it, as one.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -24,6 +24,7 @@ from chemage.plugin import (
     Choice,
     ContactSolver,
     Engine,
+    Origin,
     Output,
     PullHistory,
     Ramp,
@@ -77,6 +78,11 @@ def state_of(
     )
 
 
+def pulls(segment: Segment, state: State | None) -> bool:
+    """Whether a step is a pull: once it has been driven, a contact at rest keeps the stretch of its bonds."""
+    return segment.driven or isinstance(state, PullHistory)
+
+
 def follow(
     segment: Segment,
     lattice: ReactionLattice,
@@ -87,8 +93,7 @@ def follow(
     temperature: float,
     **how: Any,
 ) -> State:
-    """One step of a replica from its ``state``: by the ``engine``, and once it has been driven by that of the
-    ``drive``, with which bonds at rest keep their stretch.
+    """One step of a replica from its ``state``: by the ``engine``, or of a pull by that of the ``drive``.
 
     ``temperature``: K, where the step has none; ``how``: seed, and where they are known contact and chemistry.
     """
@@ -101,11 +106,9 @@ def follow(
     }
     if ramps:
         how["ramp"] = Ramp(**ramps)
-    if not segment.driven and not isinstance(state, PullHistory):
-        how["start"] = state
-        return in_contact(
-            run_kinetics(engine, lattice, segment.times, **how), lattice
-        )
+    if not pulls(segment, state):
+        rested = run_kinetics(engine, lattice, segment.times, start=state, **how)
+        return in_contact(rested, lattice)
     assert drive is not None
     # every step is a pull of its own, with its own peak
     start = state.handed_on() if isinstance(state, PullHistory) else state
@@ -127,34 +130,22 @@ def in_contact(history: BondHistory, lattice: ReactionLattice) -> BondHistory:
     )
 
 
-def along_times(state: State) -> dict[str, np.ndarray]:
-    """What engine and plugins recorded at each time."""
-    return {
-        name: state.observables[name]
-        for name, output in state.outputs.items()
-        if output["dims"][:1] == ["hold_time"]
-    }
-
-
-def numbers(
+def recorded_of(
     one: StepOutcome, contact: ContactSolution, kelvin: float
 ) -> dict[str, Any]:
     """What is recorded of a step, which ends on this contact; ``kelvin``: temperature where it has none."""
     segment = one.segment
-    return {
-        "bonds": one.bonds,
-        "force": one.force,
-        "slider": one.slider,
+    values = {
+        **vars(one),
         "temperature": segment.along("temperature", segment.times, kelvin),
-        "step_points": segment.times.size,
-        "step_load": contact.load,
-        "step_area": contact.area,
-        "step_speed": segment.last.speed,
-        "step_peak": one.peak,
-        "step_peak_at": one.peak_at,
-        "step_work": one.work,
-        "step_lost": one.lost,
-        "step_old": one.old,
+        "points": segment.times.size,
+        "load": contact.load,
+        "area": contact.area,
+        "speed": segment.last.speed,
+    }
+    return {
+        name: values[name.removeprefix("step_")]
+        for name in ("bonds", "force", *OUTPUTS)
     }
 
 
@@ -324,49 +315,43 @@ class Programme(AgeingMethod):
             raise InputError("hold_times: are not those of the steps; give times()")
         contacts = self.contacts(request)
         replicas = request.each(lambda n: self._replica(request, n, contacts))
-        every, recorded, provenances, said = zip(*replicas, strict=True)
-        notes = [*said[0]]
-        if self.driven:
-            notes.append("friction is the force of the drive, not a drop by a hold")
-        if len({contact.load for each in contacts for contact, _ in each}) > 1:
-            notes.append("friction coefficients are over the load of the scene")
+        every, recorded, origins = zip(*replicas, strict=True)
+        values = {name: np.stack([one[name] for one in every]) for name in every[0]}
         outputs = {**recorded[0], **OUTPUTS, **self.protocol.outputs}
         if not self.driven:
             del outputs["slider"]
-        made = [one for each in provenances for one in each]
-        values = {
-            name: np.stack([one[name] for one in every])
-            for name in ("bonds", "force", "sites", "events", *outputs)
-        }
-        return AgedBonds(
+        return AgedBonds.of(
+            origins,
             bonds=values["bonds"],
             sites=values["sites"],
             events=values["events"],
             rupture_force=values["force"] if self.driven else None,
             observables={name: values[name] for name in outputs},
             outputs=outputs,
-            notes=tuple(notes),
-            plugins={k: v for plugins, _ in made for k, v in plugins.items()},
-            approximate=[entry for _, entries in made for entry in entries],
         )
+
+    def _notes(self, contacts: list[list[Reacting]]) -> Iterator[str]:
+        """What users should know of the numbers, in words."""
+        if self.driven:
+            yield "friction is the force of the drive, not a drop by a hold"
+        if len({contact.load for each in contacts for contact, _ in each}) > 1:
+            yield "friction coefficients are over the load of the scene"
 
     def _replica(
         self,
         request: AgeingRequest,
         number: int,
         contacts: list[list[Reacting]],
-    ) -> tuple[dict[str, Any], dict[str, Output], list[Any], list[str]]:
-        """Its values by name; what engine and plugins recorded of them; of what was made on the way plugins and
-        approximations; and notes."""
+    ) -> tuple[dict[str, Any], dict[str, Output], Origin]:
+        """Its values by name, what engine and plugins recorded of them, and where it comes from."""
         seeds = request.seeds(number)
         kelvin = request.temperature
         pairs = {(id(a), id(b)): (a, b) for each in contacts for a, b in each}
         built = [build_lattice(b, a, seeds.disorder) for a, b in pairs.values()]
-        made = [(one.plugins, one.approximate) for one in built]
         on = dict(zip(pairs, on_all_sites(built), strict=True))
         state, lattice = None, next(iter(on.values()))
         there = lattice.forming < ABSENT / 2
-        notes: dict[str, None] = {}
+        origin = Origin().then(*built)
         steps: list[StepOutcome] = []
         rows: list[dict[str, Any]] = []
         for segment, each in zip(self.segments, contacts, strict=True):
@@ -378,8 +363,11 @@ class Programme(AgeingMethod):
                     broken = state.broken[-1]
                     state = state_of(state, before, lattice)
                     lost += int(state.broken[-1] - broken)
-                pulled = piece.driven or isinstance(state, PullHistory)
-                make = partial(
+                at = f"-{len(parts):03d}" if segment.contacts else ""
+                state = request.kept(
+                    f"replica-{number:05d}-step-{len(steps):03d}{at}",
+                    PullHistory if pulls(piece, state) else BondHistory,
+                    [self.todict(), lattice.digest()],
                     follow,
                     piece,
                     lattice,
@@ -391,23 +379,15 @@ class Programme(AgeingMethod):
                     contact=contact,
                     chemistry=chemistry,
                 )
-                at = f"-{len(parts):03d}" if segment.contacts else ""
-                state = request.kept(
-                    f"replica-{number:05d}-step-{len(steps):03d}{at}",
-                    PullHistory if pulled else BondHistory,
-                    make,
-                    key=[self.todict(), lattice.digest()],
-                )
                 parts.append(state)
-                made.append((state.plugins, state.approximate))
-                notes |= dict.fromkeys(state.notes)
+                origin = origin.then(state)
             state = parts[-1]
             if segment.contacts:
                 state = state.of_parts(parts)
             old = int(np.count_nonzero(state.state & there))
             one = StepOutcome.of(segment, state, lost=lost, old=old)
             steps.append(one)
-            rows.append(along_times(state) | numbers(one, each[-1][0], kelvin))
+            rows.append(state.recorded() | recorded_of(one, each[-1][0], kelvin))
         assert state is not None
         values: dict[str, Any] = {
             name: np.hstack([row[name] for row in rows])
@@ -416,14 +396,14 @@ class Programme(AgeingMethod):
         }
         recorded = {
             name: Output(**state.outputs[name])
-            for name in along_times(state)
-            if name in values
+            for name in values
+            if name in state.outputs
         }
-        values["sites"] = state.state.size
-        values["events"] = state.formed[-1] + state.broken[-1]
+        values["sites"], values["events"] = state.state.size, state.events
         for name, value, _, _ in self.protocol.measure(steps):
             values[name] = np.float64(value)
-        return values, recorded, made, [*notes]
+        notes = (*origin.notes, *self._notes(contacts))
+        return values, recorded, origin._replace(notes=notes)
 
     def expected(
         self, sites: float, kinetics: Mapping[str, float], replicas: int

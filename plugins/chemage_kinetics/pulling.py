@@ -121,9 +121,7 @@ class EventDriven(Pulling):
             start = self._follow(job, part.bounds)
             seen.append(start)
         end = drive.replace(speed=ramp.speed).todict()
-        whole = PullHistory.of_parts(
-            seen, temperature=ramp.temperature, drive=end
-        )
+        whole = PullHistory.of_parts(seen, temperature=ramp.temperature, drive=end)
         return whole.raised(ramp.lattice.forming - before)
 
     def _follow(self, job: _Job, ramp: RampBounds | None) -> PullHistory:
