@@ -311,11 +311,24 @@ def over_bound(
 ) -> Float:
     """The present rate of site i, whose word this is, over that in the model: with this probability an event that the
     model gives takes place (thinning; Lewis and Shedler, Nav. Res. Logist. Q. 26, 403 (1979))."""
-    part, heat = progress(now, ramp)
     bonded = word & 1
     barrier = fixed_barrier(model.breaking[i]) if bonded else word >> 1
-    bound = max(barrier, 0) * model.per_unit
     levels = ramp.breaking if bonded else ramp.forming
+    return crossing_over_bound(i, barrier, levels, now, ramp, model)
+
+
+@inner
+def crossing_over_bound(
+    i: Int,
+    barrier: Int,
+    levels: Array,
+    now: Instant,
+    ramp: RampBounds,
+    model: KineticModel,
+) -> Float:
+    """The same of a fixed-point barrier of site i, which lies above that of the model by ``levels``."""
+    part, heat = progress(now, ramp)
+    bound = max(barrier, 0) * model.per_unit
     if levels.shape[1] > 0:
         barrier += fixed_barrier(above(levels, i, part))
     return math.exp(bound - max(barrier, 0) * (model.per_unit / heat))

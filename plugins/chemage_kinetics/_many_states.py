@@ -28,6 +28,7 @@ from chemage_kinetics._common import (
     RampBounds,
     borrowed,
     count_flip,
+    crossing_over_bound,
     degree,
     fixed_coupling,
     hot,
@@ -35,7 +36,6 @@ from chemage_kinetics._common import (
     jit,
     later,
     neighbour,
-    over_bound,
     past,
 )
 from chemage_kinetics._rejection_free import (
@@ -116,13 +116,11 @@ def accepted(
     i: Int, t: Int, now: Instant, ramp: RampBounds, run: ManyStatesRun
 ) -> Float:
     """The probability that an event takes place in a ramp, see `over_bound`."""
-    word = 1 if t == 1 else 2 * barrier_of(i, t, run)
-    if t < 2:
-        return over_bound(i, word, now, ramp, run.model)
-    # a ramp changes no other barrier
-    constant = ramp.forming[:, :0]
-    alone = RampBounds(ramp.begin, ramp.span, ramp.heat, constant, ramp.breaking)
-    return over_bound(i, word, now, alone, run.model)
+    levels = ramp.breaking if t == 1 else ramp.forming
+    if t > 1:  # a ramp changes no other barrier
+        levels = levels[:, :0]
+    barrier = barrier_of(i, t, run)
+    return crossing_over_bound(i, barrier, levels, now, ramp, run.model)
 
 
 @inner

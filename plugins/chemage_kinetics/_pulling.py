@@ -633,11 +633,10 @@ def _draw(run: PullRun) -> None:
 def _takes_place(i: Int, v: Float, run: PullRun, ramp: RampBounds | None) -> bool:
     """Whether an event of site i that the bounds give does, by a uniform number ``v``: its present rate is lower where
     conditions change, and that of a bond before the end of its window."""
-    bonded = run.words[i] & 1
-    if ramp is None and not bonded:
-        return True
     now = _now(run)
-    if ramp is not None and not bonded:
+    if run.words[i] & 1 == 0:
+        if ramp is None:
+            return True
         return v < over_bound(i, run.words[i], now, ramp, run.model)
     stretch = max(_present_stretch(i, run), 0.0)
     barrier, gain = run.bonds.barrier[i], run.bonds.gain

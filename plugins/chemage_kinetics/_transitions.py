@@ -38,28 +38,27 @@ def transitions_of(lattice: ReactionLattice) -> Transitions:
 def in_equilibrium(
     transitions: Transitions, temperature: float, states: int
 ) -> Array:
-    """Shares of ``states`` states to which free sites without bonds come in time: (n, states).
+    """Shares of ``states`` states to which free sites without bonds come in time: (states, n).
 
     By elimination without a subtraction (Grassmann, Taksar and Heyman, Oper. Res. 33, 1107 (1985)), so that rates keep
     their accuracy over any range.
     """
-    energies = np.maximum(transitions.barriers / UNITS_PER_EV, 0.0)
-    rates = np.zeros((len(energies), states, states))
-    shares = np.ones((len(energies), states))
+    energies = np.maximum(transitions.barriers.T / UNITS_PER_EV, 0.0)
+    shares = np.ones((states, energies.shape[1]))
+    rates = np.zeros((states, *shares.shape))
     with np.errstate(under="ignore"):
-        crossed = transitions.terms[:, 1] * np.exp(-energies / (KB * temperature))
+        crossed = np.exp(-energies / (KB * temperature))
         for number, (before, after) in enumerate(transitions.pairs):
             if BONDED not in (before, after):
-                rates[:, before, after] += crossed[:, number]
+                factor = transitions.terms[number, 1]
+                rates[before, after] += factor * crossed[number]
         for last in range(states - 1, 0, -1):
-            out = rates[:, last, :last]
-            rates[:, :last, last] /= np.maximum(out.sum(axis=1), NEVER)[:, None]
-            rates[:, :last, :last] += rates[:, :last, last, None] * out[:, None]
+            out = rates[last, :last]
+            rates[:last, last] /= np.maximum(out.sum(axis=0), NEVER)
+            rates[:last, :last] += rates[:last, last, None] * out
         for state in range(1, states):
-            into = shares[:, :state] * rates[:, :state, state]
-            shares[:, state] = into.sum(axis=1)
-            so_far = shares[:, : state + 1]
-            so_far /= so_far.sum(axis=1, keepdims=True)
+            shares[state] = (shares[:state] * rates[:state, state]).sum(axis=0)
+            shares[: state + 1] /= shares[: state + 1].sum(axis=0)
     return shares
 
 
@@ -78,12 +77,12 @@ def initial_states(
     new = states < 0
     states[states == BONDED] = FREE
     if lattice.states is not None and lattice.initial is None and new.any():
-        shares = in_equilibrium(transitions, temperature, count)[new]
+        shares = in_equilibrium(transitions, temperature, count)[:, new]
         ranks = random.uniforms(
             np.array(job.key), STREAM, lattice.random_index[new], INITIAL
         )
-        below = np.cumsum(shares, axis=1)[:, :-1] <= ranks[:, None]
-        states[new] = below.sum(axis=1)
+        below = np.cumsum(shares, axis=0)[:-1] <= ranks
+        states[new] = below.sum(axis=0)
     else:
         states[new] = lattice.initial or FREE
     states[job.state] = BONDED

@@ -103,6 +103,16 @@ COX = """@book{cox1962,
 class KernelEngine(Engine):
     """An engine whose run is a `Job`."""
 
+    #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
+    cost: ClassVar[tuple[float, float, float]]
+
+    def expected(
+        self, sites: float, interacting: bool, events: float | None = None
+    ) -> dict[str, float]:
+        """See :meth:`chemage.plugin.Engine.expected`."""
+        superbasins = getattr(self, "superbasins", False)
+        return expected_cost(sites, *self.cost, events, superbasins)
+
     def _run(
         self,
         lattice: ReactionLattice,
@@ -129,8 +139,8 @@ class KernelEngine(Engine):
         """Follow the bonds to the last hold time, at the rates of the job or, with a ramp, under them."""
 
     def chains(self, ramp: _common.RampBounds | None) -> bool | None:
-        """Whether sites that flicker are two-state chains, as the kernels are told."""
-        return None
+        """Whether sites that flicker are two-state chains, as the kernels are told; not in a ramp."""
+        return (getattr(self, "superbasins", False) and ramp is None) or None
 
     def _advanced(
         self,
@@ -157,13 +167,9 @@ class KernelEngine(Engine):
             counters[LAST] = -1
         while not counters[DONE]:
             advance(run, self.chains(ramp), ramp, SLICE)
-        return {
-            "clock": run.clock,
-            **{
-                name: counters[[place]]
-                for name, place in (("last", LAST), *counted)
-            },
-        }
+        places = ("last", LAST), *counted
+        done = {name: counters[[place]] for name, place in places}
+        return {"clock": run.clock, **done}
 
 
 class ThreadedEngine(Engine):
@@ -196,22 +202,9 @@ class FlickerEngine(Engine):
     """treat a site that flickers (forms and breaks its bond repeatedly) as an absorbing two-state chain: exact, and its
     cost does not depend on the number of its events (Novotny 1995); not in ramps, where rates change; default: no"""
 
-    def chains(self, ramp: _common.RampBounds | None) -> bool | None:
-        """See :meth:`KernelEngine.chains`."""
-        return (self.superbasins and ramp is None) or None
-
 
 class EventEngine(FlickerEngine, KernelEngine):
     """An engine that follows events one by one."""
-
-    #: seconds per event, seconds of set-up per site, and bytes per site, on large lattices
-    cost: ClassVar[tuple[float, float, float]]
-
-    def expected(
-        self, sites: float, interacting: bool, events: float | None = None
-    ) -> dict[str, float]:
-        """See :meth:`chemage.plugin.Engine.expected`."""
-        return expected_cost(sites, *self.cost, events, self.superbasins)
 
 
 class RejectionFree(EventEngine):
@@ -275,12 +268,7 @@ class ManyStates(KernelEngine):
     cite = RejectionFree.cite
     bibtex = RejectionFree.bibtex
     many_states: ClassVar[bool] = True
-
-    def expected(
-        self, sites: float, interacting: bool, events: float | None = None
-    ) -> dict[str, float]:
-        """See :meth:`chemage.plugin.Engine.expected`."""
-        return expected_cost(sites, 700e-9, 60e-9, 80, events)
+    cost = (700e-9, 60e-9, 80)
 
     def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         lattice = job.lattice
@@ -290,7 +278,8 @@ class ManyStates(KernelEngine):
         states = initial_states(
             job, transitions, heat * job.temperature, len(names)
         )
-        begun = np.bincount(states, minlength=len(names))
+        changes = np.zeros((job.times.size, len(names)), np.int64)
+        changes[0] = np.bincount(states, minlength=len(names))
         fields = np.zeros(states.size, np.int64)
         no_barriers = np.zeros(states.size)
         _common.start_words(no_barriers, job.model, job.state, fields)
@@ -308,7 +297,7 @@ class ManyStates(KernelEngine):
                 (job.model.neighbours.shape[1] + 1) * (len(transitions.pairs) + 1),
                 listing=False,
             ),
-            changes=np.zeros((job.times.size, len(names)), np.int64),
+            changes=changes,
             clock=np.array([job.time, 0.0]),
             counters=np.zeros(5, np.int64),
         )
@@ -317,7 +306,7 @@ class ManyStates(KernelEngine):
             job, run, _many_states.advance, ramp, ("event", EVENT)
         )
         history = job.history(states == BONDED, occupied=states, **done)
-        counts = begun + np.cumsum(run.changes, axis=0)
+        counts = np.cumsum(changes, axis=0)
         curves = {
             f"sites_{name}": counts[:, at]
             for at, name in enumerate(names)

@@ -242,7 +242,7 @@ def test_equilibria_are_exact_over_sixty_decades_of_rates():
         energies = KB * KELVIN * math.log(10) * rng.uniform(0, 60, len(pairs))
         fixed = np.rint(energies * UNITS_PER_EV).astype(np.int64)[None]
         terms = np.tile([0.0, 1e13], (len(pairs), 1))
-        found = in_equilibrium(Transitions(np.array(pairs), fixed, terms), KELVIN, states)[0]
+        found = in_equilibrium(Transitions(np.array(pairs), fixed, terms), KELVIN, states)[:, 0]
         rates = np.exp(-fixed[0] / UNITS_PER_EV / (KB * KELVIN)).tolist()
         exact = exact_equilibrium(4, [(unbonded.index(a), unbonded.index(b)) for a, b in pairs], rates)
         assert found[1] == 0
@@ -261,7 +261,7 @@ def test_free_sites_that_can_come_to_two_ends_come_to_each_by_its_rate():
     barriers = np.array([[0.5, 0.5 + KB * KELVIN * math.log(3)]])
     fixed = np.rint(barriers * UNITS_PER_EV).astype(np.int64)
     ends = Transitions(np.array([[0, 2], [0, 3]]), fixed, np.tile([0.0, 1e13], (2, 1)))
-    np.testing.assert_allclose(in_equilibrium(ends, KELVIN, 4)[0], [0, 0, 0.75, 0.25], atol=1e-12)
+    np.testing.assert_allclose(in_equilibrium(ends, KELVIN, 4)[:, 0], [0, 0, 0.75, 0.25], atol=1e-12)
 
 
 def exact_equilibrium(count: int, pairs: list, rates: list[float]) -> list[Fraction] | None:
