@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
@@ -14,13 +14,12 @@ import numpy as np
 
 from chemage.ageing.observables import Observable, Seen, measure, stacked
 from chemage.ageing.replicas import (
+    Checkpoint,
     Common,
     ReplicaSeeds,
     identity,
-    keep,
     origin,
     replica_seeds,
-    resumed,
     run_with_checkpoints,
 )
 from chemage.contacts.role import ContactSolver
@@ -157,27 +156,25 @@ class AgeingRequest:
         lattice = build_lattice(
             self.chemistry, self.solution, disorder, sites=sites
         )
-        call: dict[str, Any] = {
-            "temperature": self.temperature,
-            "seed": noise,
-            "states": states,
-        }
-        call |= {"contact": self.solution, "chemistry": self.chemistry}
-        if self.checkpoints is None or sites is not None:
-            return Replica(
-                lattice, run_kinetics(self.engine, lattice, self.hold_times, **call)
+        run = run_kinetics
+        if self.checkpoints is not None and sites is None:
+            run = partial(
+                run_with_checkpoints,
+                path=self.checkpoints / f"replica-{replica:05d}.h5",
+                run=self._key,
+                before=self.contact.plugins | lattice.plugins,
             )
-        call |= {
-            "path": self.checkpoints / f"replica-{replica:05d}.h5",
-            "run": self._key,
-        }
-        before = self.contact.plugins | lattice.plugins
-        return Replica(
+        history = run(
+            self.engine,
             lattice,
-            run_with_checkpoints(
-                self.engine, lattice, self.hold_times, before=before, **call
-            ),
+            self.hold_times,
+            temperature=self.temperature,
+            seed=noise,
+            states=states,
+            contact=self.solution,
+            chemistry=self.chemistry,
         )
+        return Replica(lattice, history)
 
     def kept(
         self,
@@ -192,15 +189,15 @@ class AgeingRequest:
         was kept under an equal ``key`` and the same plugins."""
         if self.checkpoints is None:
             return make(*arguments, **how)
-        path, content = self.checkpoints / f"{name}.h5", content_hash(key)
-        file: dict[str, Any] = {"run": self._key, "before": self.contact.plugins}
-        file["hooks"] = ("chemage_run_kinetics", "chemage_pull_bonds")
-        other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
-        record = resumed(path, "history", kind, content, other, **file)
-        if record is None:
-            record = make(*arguments, **how)
-            keep(path, "history", record, content, **file)
-        return record
+        file = Checkpoint(
+            self.checkpoints / f"{name}.h5",
+            kind,
+            content_hash(key),
+            self._key,
+            self.contact.plugins,
+            ("chemage_run_kinetics", "chemage_pull_bonds"),
+        )
+        return file.kept(partial(make, *arguments, **how))
 
     def each(self, task: Callable[[int], T]) -> list[T]:
         """``task`` of every replica, several at a time; reports the progress."""

@@ -6,9 +6,10 @@ import json
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,9 +17,7 @@ from chemage.contacts.solution import ContactSolution
 from chemage.foundation import container
 from chemage.foundation.checks import (
     Seed,
-    check_times,
     checked_seed,
-    temperature_value,
 )
 from chemage.foundation.errors import (
     AbsentError,
@@ -28,7 +27,6 @@ from chemage.foundation.errors import (
 )
 from chemage.foundation.random import CommonSeed
 from chemage.foundation.records import Record, content_hash
-from chemage.foundation.units import QuantityLike
 from chemage.kinetics.history import BondHistory
 from chemage.kinetics.role import Engine, run_kinetics
 from chemage.lattices.chemistry import Chemistry
@@ -153,103 +151,113 @@ def origin(seed: Seed) -> list[object]:
 
 
 _R = TypeVar("_R", bound=Record)
-_HOOKS = ("chemage_run_kinetics",)
 
 
 class CheckpointWarning(UserWarning):
     """A checkpoint is computed again."""
 
 
-def resumed(
-    path: Path,
-    name: str,
-    kind: type[_R],
-    key: str,
-    other: str,
-    *,
-    run: str,
-    before: Plugins,
-    hooks: Sequence[str],
-    **arguments: Any,
-) -> _R | None:
-    """The object ``name`` that :func:`keep` wrote to ``path`` under ``key``; None if nothing is there.
+def again(why: str) -> None:
+    """Warn that a checkpoint is computed again."""
+    warnings.warn(why, CheckpointWarning, stacklevel=3)
 
-    It is None as well, with a warning, if the plugins in use now would not make the same object: one that took part
-    has another version, one that was not asked then would answer or change the last of ``hooks``, which are those of
-    the stage, when called with ``arguments``, or others took part in the stages ``before``.
 
-    Raises
-    ------
-    StoreError
-        With the message ``other``: the file was kept for another ``run`` (a key of its options alone), or under another
-        key although the same plugins took part before.
-    """
-    try:
-        records, attributes = container.read(path, {name: kind}, links=False)
-    except AbsentError:
-        return None
-    except DamagedError as error:
-        warnings.warn(
-            f"{error}; it is computed again", CheckpointWarning, stacklevel=2
+@dataclass(frozen=True)
+class Checkpoint(Generic[_R]):
+    """A file in which what a stage makes is kept, by which an interrupted run goes on."""
+
+    path: Path
+    kind: type[_R]
+    #: of all that it depends on
+    key: str
+    #: of the options alone
+    run: str
+    #: plugins that took part in the stages before
+    before: Mapping[str, str]
+    #: those of the stage, its own the last
+    hooks: Sequence[str] = ("chemage_run_kinetics",)
+    #: of the object in the file
+    name: str = "history"
+    #: what is said where the file is that of another run
+    other: str = ""
+
+    def read(self, **arguments: Any) -> _R | None:
+        """What was written with this key; None if nothing is there.
+
+        It is None as well, with a warning, if the plugins in use now would not make the same object: one that took part
+        has another version, one that was not asked then would answer or change the hook of the stage when called with
+        ``arguments``, or others took part in the stages before.
+
+        Raises
+        ------
+        StoreError
+            The file was kept for another run, or with another key although the same plugins took part before.
+        """
+        try:
+            records, attributes = container.read(
+                self.path, {self.name: self.kind}, links=False
+            )
+        except AbsentError:
+            return None
+        except DamagedError as error:
+            again(f"{error}; it is computed again")
+            return None
+        record = records.get(self.name)
+        earlier = json.loads(attributes.get("before", "{}"))
+        of_this_run = attributes.get("run") == self.run and (
+            earlier != self.before or attributes.get("checkpoint") == self.key
         )
-        return None
-    record = records.get(name)
-    earlier = json.loads(attributes.get("before", "{}"))
-    of_this_run = attributes.get("run") == run and (
-        earlier != before or attributes.get("checkpoint") == key
-    )
-    if not of_this_run or not isinstance(record, kind):
-        raise StoreError(other)
-    reasons = []
-    if earlier != before:
-        then, now = (
-            ", ".join(f"{name} ({source})" for name, source in plugins.items())
-            or "no plugin"
-            for plugins in (earlier, before)
-        )
-        reasons.append(f"{then} took part in the stages before, and now {now}")
-    reasons += [
-        f"{plugin} was {then} and is {now}"
-        for plugin, (then, now) in changed(record.plugins).items()
-    ]
-    asked = json.loads(attributes.get("asked", "{}"))
-    new = [
-        plugin
-        for plugin, source in implementing(*hooks).items()
-        if asked.get(plugin) != source
-    ]
-    if not reasons and new and would_change(new, hooks[-1], record, **arguments):
-        reasons = [f"{', '.join(new)} would answer or change it"]
-    if reasons:
-        warnings.warn(
-            f"{path} is computed again: {'; '.join(reasons)}",
-            CheckpointWarning,
-            stacklevel=2,
-        )
-        return None
-    for plugin, changes in record.changes.items():
-        note_changes(plugin, changes)
-    return record
+        if not of_this_run or not isinstance(record, self.kind):
+            where = f"{self.path} is the checkpoint of another run; remove it, or choose another folder"
+            raise StoreError(self.other or where)
+        reasons = []
+        if earlier != self.before:
+            then, now = (
+                ", ".join(f"{name} ({source})" for name, source in plugins.items())
+                or "no plugin"
+                for plugins in (earlier, self.before)
+            )
+            reasons.append(f"{then} took part in the stages before, and now {now}")
+        reasons += [
+            f"{plugin} was {then} and is {now}"
+            for plugin, (then, now) in changed(record.plugins).items()
+        ]
+        asked = json.loads(attributes.get("asked", "{}"))
+        new = [
+            plugin
+            for plugin, source in implementing(*self.hooks).items()
+            if asked.get(plugin) != source
+        ]
+        if (
+            not reasons
+            and new
+            and would_change(new, self.hooks[-1], record, **arguments)
+        ):
+            reasons = [f"{', '.join(new)} would answer or change it"]
+        if reasons:
+            again(f"{self.path} is computed again: {'; '.join(reasons)}")
+            return None
+        for plugin, changes in record.changes.items():
+            note_changes(plugin, changes)
+        return record
 
+    def write(self, record: _R) -> None:
+        """Write ``record`` in place of what was kept before."""
+        attributes = {
+            "checkpoint": self.key,
+            "run": self.run,
+            "asked": json.dumps(implementing(*self.hooks)),
+            "before": json.dumps(dict(self.before)),
+        }
+        container.write(self.path, {self.name: record}, attributes, force=True)
 
-def keep(
-    path: Path,
-    name: str,
-    record: Record,
-    key: str,
-    *,
-    run: str,
-    before: Plugins,
-    hooks: Sequence[str],
-) -> None:
-    """Write ``record`` to ``path``, in place of what was kept there before; arguments as for :func:`resumed`."""
-    plugins = {
-        "asked": json.dumps(implementing(*hooks)),
-        "before": json.dumps(dict(before)),
-    }
-    container.write(
-        path, {name: record}, {"checkpoint": key, "run": run, **plugins}, force=True
-    )
+    def kept(self, make: Callable[[], _R], **arguments: Any) -> _R:
+        """What was written, or else what ``make`` gives, which is written."""
+        record = self.read(**arguments)
+        if record is None:
+            record = make()
+            self.write(record)
+        return record
 
 
 #: s between two checkpoints of a replica
@@ -259,22 +267,20 @@ KEPT_EVERY = 60.0
 def run_with_checkpoints(
     engine: Engine,
     lattice: ReactionLattice,
-    hold_times: np.ndarray,
+    times: np.ndarray,
     *,
-    temperature: QuantityLike,
-    seed: Seed,
     path: Path,
-    run: str = "",
-    before: Plugins | None = None,
-    states: bool = False,
-    contact: ContactSolution | None = None,
-    chemistry: Chemistry | None = None,
+    run: str,
+    before: Plugins,
+    seed: Seed,
+    states: bool,
+    **how: Any,
 ) -> BondHistory:
     """One replica, written to ``path`` about every minute and at its end, and resumed if it is there.
 
-    ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before;
-    ``contact`` and ``chemistry`` are for plugins. With ``states`` the history has the state of every site at every hold
-    time; a checkpoint without them is computed again.
+    ``run`` is a key of the options of the whole run, ``before`` the plugins that took part in the stages before, ``how``
+    further arguments of :func:`chemage.plugin.run_kinetics`. With ``states`` the history has the state of every site at
+    every hold time; a checkpoint without them is computed again.
 
     Raises
     ------
@@ -287,64 +293,32 @@ def run_with_checkpoints(
         raise InputError(
             f"engine {engine.kind!r} cannot resume from a history; run it without checkpoints"
         )
-    times, kelvin = check_times(hold_times), temperature_value(temperature)
-    key = content_hash(
-        [engine.digest(), lattice.digest(), times.tolist(), kelvin, origin(seed)]
-    )
-    other = f"{path} is the checkpoint of another run; remove it, or choose another folder"
-    plugins = before or {}
-    origins = {"contact": contact, "chemistry": chemistry}
-    call = {
-        "engine": engine,
-        "lattice": lattice,
-        "hold_times": times,
-        "temperature": kelvin,
-        "seed": seed,
-        **origins,
-    }
-    done = resumed(
-        path,
-        "history",
-        BondHistory,
-        key,
-        other,
-        run=run,
-        before=plugins,
-        hooks=_HOOKS,
-        **call,
-        start=None,
-        ramp=None,
-    )
-    if done is not None and states and done.states is None:
-        problem = "it was kept without the states at every hold time"
-        warnings.warn(
-            f"{path} is computed again: {problem}", CheckpointWarning, stacklevel=2
-        )
-        done = None
-    elif done is not None and not states and done.states is not None:
+    how["seed"] = seed
+    depends = engine.digest(), lattice.digest(), times.tolist()
+    key = content_hash([*depends, how["temperature"], origin(seed)])
+    file = Checkpoint(path, BondHistory, key, run, before)
+    call = {"engine": engine, "lattice": lattice, "hold_times": times, **how}
+    done = file.read(**call, start=None, ramp=None)
+    if done is not None and not states:
         done = done.model_copy(update={"states": None})
+    elif done is not None and done.states is None:
+        problem = "it was kept without the states at every hold time"
+        again(f"{path} is computed again: {problem}")
+        done = None
     at = 0 if done is None else done.hold_times.size
     piece = 1
     written = time.monotonic()
     while at < times.size:
         begin = time.monotonic()
-        history = run_kinetics(
-            engine,
-            lattice,
-            times[at : at + piece],
-            temperature=kelvin,
-            seed=seed,
-            start=done,
-            states=states,
-            **origins,
-        )
+        call["hold_times"] = times[at : at + piece]
+        history = run_kinetics(**call, start=done, states=states)
         done = history if done is None else done.then(history)
         at += piece
         now = time.monotonic()
         # short pieces are joined, so that restarting the engine stays a small part of the work
         piece = piece * 2 if now - begin < KEPT_EVERY / 8 else max(1, piece // 2)
         if now - written > KEPT_EVERY or at >= times.size:
-            keep(path, "history", done, key, run=run, before=plugins, hooks=_HOOKS)
+            file.write(done)
             written = time.monotonic()
     assert done is not None
     return done

@@ -26,7 +26,7 @@ from chemage.ageing.aging import (
 )
 from chemage.ageing.fitting import DROPS, FIT, FIT_WINDOW, Fit
 from chemage.ageing.hooks import arguments_of
-from chemage.ageing.replicas import keep, resumed
+from chemage.ageing.replicas import Checkpoint
 from chemage.contacts.role import elasticity_notes
 from chemage.contacts.solution import ContactSolution, ContactStatistics
 from chemage.foundation.aliases import Data, Fields
@@ -584,25 +584,21 @@ def _kept(
 ) -> ContactSolution:
     """The contact from the checkpoints, or a new one, which is kept there."""
     make_folder(folder)
-    path, key, surface = (
+    key, surface = scene.keys()["contact"], inputs.made["surface"]
+    file = Checkpoint(
         folder / "contact.h5",
-        scene.keys()["contact"],
-        inputs.made["surface"],
-    )
-    how = {"run": key, "before": surface.plugins, "hooks": stage.hooks}
-    solution = resumed(
-        path,
-        "contact",
         ContactSolution,
         key,
+        key,
+        surface.plugins,
+        stage.hooks,
+        "contact",
         f"{folder} holds checkpoints of another scene; choose another folder",
+    )
+    return file.kept(
+        partial(run_stage, stage, inputs),
         solver=inputs.parts["contact"],
         surface=surface,
         load=scene.load,
         start=None,
-        **how,
     )
-    if solution is None:
-        solution = run_stage(stage, inputs)
-        keep(path, "contact", solution, key, **how)
-    return solution

@@ -160,15 +160,15 @@ from pathlib import Path
 from chemage.ageing import replicas
 from chemage.cli.app import main
 
-keep = replicas.keep
+write = replicas.Checkpoint.write
 
-def stop(*arguments, **options):
-    keep(*arguments, **options)
+def stop(*arguments):
+    write(*arguments)
     if len(list(Path("kept").glob("replica-*.h5"))) >= 3:
         print("enough", file=sys.stderr, flush=True)
         time.sleep(600)
 
-replicas.keep = stop
+replicas.Checkpoint.write = stop
 main()
 """
 
