@@ -44,6 +44,7 @@ from chemage.surfaces.reading import HeightMap as HeightMap
 from chemage.foundation.records import Indices as Indices
 from chemage.lattices.role import Interaction as Interaction
 from chemage.foundation.units import KB as KB
+from chemage.ageing.methods import Kinetics as Kinetics
 from chemage.foundation.units import Length as Length
 from chemage.results.decisions import Limits as Limits
 from chemage.ageing.observables import Maps as Maps

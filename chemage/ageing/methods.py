@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -52,7 +51,7 @@ class Origin(NamedTuple):
     #: what users should know, in words
     notes: tuple[str, ...] = ()
     #: plugins that answered or changed a stage on the way: name -> distribution and version
-    plugins: Mapping[str, str] = MappingProxyType({})
+    plugins: Plugins = {}
     #: what was approximate on the way
     approximate: Sequence[Mapping[str, Any]] = ()
 
@@ -486,7 +485,7 @@ def _replica(
         )
     origin = replica.origin(force)
     given = force.force if request.rupture is not None or force.plugins else None
-    origin = origin._replace(plugins=origin.plugins | seen.plugins)
+    origin = origin._replace(plugins={**origin.plugins, **seen.plugins})
     return history.bonds, history.events, lattice.sites.size, given, seen, origin
 
 

@@ -167,19 +167,6 @@ def kept(record: Any, block: Mapping[str, Recorded]) -> Data:
     return {"observables": observables, "outputs": outputs}
 
 
-def joined(before: Mapping[str, np.ndarray], after: Any) -> Data:
-    """``observables`` and ``outputs`` of a record that went on from one with the ``observables`` before: curves one
-    after the other, of all else the later one."""
-    observables = dict(after.observables)
-    for name, values in observables.items():
-        dims = after.outputs[name]["dims"]
-        if HOLD_TIME in dims and name in before:
-            observables[name] = np.concatenate(
-                [before[name], values], axis=dims.index(HOLD_TIME)
-            )
-    return {"observables": observables, "outputs": after.outputs}
-
-
 class Observing:
     """What a record with the fields ``observables`` and ``outputs`` has in common with others."""
 

@@ -16,7 +16,7 @@ from chemage.foundation.checks import (
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import BLUE, from_zero
-from chemage.foundation.outputs import Observing, joined, kept
+from chemage.foundation.outputs import Observing, kept
 from chemage.foundation.records import (
     Doubles,
     Flags,
@@ -103,14 +103,32 @@ class Followed(Observing, Record):
         along = cls.arrays[cls.of_times][0]
         return [name for name, (dims, _, _) in cls.arrays.items() if dims == along]
 
-    def recorded(self) -> dict[str, np.ndarray]:
-        """What was recorded on the way with a value at each time."""
-        first = self.arrays[self.of_times][0][0]
+    def time_axes(self) -> dict[str, int]:
+        """What was recorded on the way with a value at each time: name -> axis of the times."""
+        along = self.arrays[self.of_times][0][0]
         return {
-            name: values
-            for name, values in self.observables.items()
-            if first in self.outputs[name]["dims"][:1]
+            name: output["dims"].index(along)
+            for name, output in self.outputs.items()
+            if along in output["dims"]
         }
+
+    @classmethod
+    def _in_a_row(
+        cls, parts: Sequence[Any], times: slice = slice(None)
+    ) -> dict[str, Any]:
+        """Curves, and what was recorded at each time, at these ``times`` of each of ``parts``; the rest of the last."""
+        last = parts[-1]
+        whole: dict[str, Any] = {
+            name: np.concatenate([getattr(one, name)[times] for one in parts])
+            for name in cls.curves()
+        }
+        whole["observables"] = dict(last.observables)
+        for name, axis in last.time_axes().items():
+            if all(name in one.observables for one in parts):
+                at = (*[slice(None)] * axis, times)
+                values = [one.observables[name][at] for one in parts]
+                whole["observables"][name] = np.concatenate(values, axis=axis)
+        return whole
 
     def handed_on(self, **changes: Any) -> Self:
         """The state of the contact at the end, from which something else begins: without what is pending."""
@@ -126,17 +144,9 @@ class Followed(Observing, Record):
     def of_parts(cls, parts: Sequence[Any], **changes: Any) -> Self:
         """The history of what was followed in ``parts``, the last time of each of which is none of the whole; without
         what is pending."""
-        last = parts[-1]
-        whole: dict[str, Any] = {
-            name: np.concatenate([getattr(one, name)[:-1] for one in parts])
-            for name in cls.curves()
-        }
-        whole["observables"] = dict(last.observables) | {
-            name: np.concatenate([one.observables[name][:-1] for one in parts])
-            for name in last.recorded()
-        }
-        whole["resume"] = counters_of(last.resume)
-        return last.model_copy(update={**whole, **changes})
+        changes["resume"] = counters_of(parts[-1].resume)
+        whole = cls._in_a_row(parts, slice(-1))
+        return parts[-1].model_copy(update={**whole, **changes})
 
     def finished(self, start: Any, recorded: Any) -> Self:
         """The same with the counters of ``start`` that its engine does not know, and what was recorded on the way."""
@@ -279,20 +289,12 @@ class BondHistory(Followed):
                 "was not resumed from this history",
                 "pass what start=... gave",
             )
-        both: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), getattr(later, name)])
-            for name in ("hold_times", "bonds", "formed", "broken")
-        }
-        states = [
-            history.states
-            for history in (self, later)
-            if history.states is not None
-        ]
-        both["states"] = np.concatenate(states) if len(states) == 2 else None
+        both = self._in_a_row((self, later))
+        both["states"] = None
+        if self.states is not None and later.states is not None:
+            both["states"] = np.concatenate([self.states, later.states])
         both["notes"] = tuple(dict.fromkeys((*self.notes, *later.notes)))
-        whole = BondHistory(
-            **{**later.todict(), **both, **joined(self.observables, later)}
-        )
+        whole = BondHistory(**{**later.todict(), **both})
         return whole.noting(self.plugins, self.approximate)
 
     def plot(self, ax: Axes | None = None) -> Axes:

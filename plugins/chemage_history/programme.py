@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -18,12 +18,12 @@ from chemage import (
 )
 from chemage.plugin import (
     AgedBonds,
-    AgeingMethod,
     AgeingRequest,
     BondHistory,
     Choice,
     ContactSolver,
     Engine,
+    Kinetics,
     Origin,
     Output,
     PullHistory,
@@ -106,15 +106,15 @@ def follow(
     }
     if ramps:
         how["ramp"] = Ramp(**ramps)
+    how["start"] = state
     if not pulls(segment, state):
-        rested = run_kinetics(engine, lattice, segment.times, start=state, **how)
+        rested = run_kinetics(engine, lattice, segment.times, **how)
         return in_contact(rested, lattice)
     assert drive is not None
     # every step is a pull of its own, with its own peak
-    start = state.handed_on() if isinstance(state, PullHistory) else state
-    return pull(
-        drive.engine, lattice, drive.at(first), segment.times, start=start, **how
-    )
+    if isinstance(state, PullHistory):
+        how["start"] = state.handed_on()
+    return pull(drive.engine, lattice, drive.at(first), segment.times, **how)
 
 
 def in_contact(history: BondHistory, lattice: ReactionLattice) -> BondHistory:
@@ -176,9 +176,7 @@ def on_all_sites(lattices: Sequence[ReactionLattice]) -> list[ReactionLattice]:
 
     A site keeps its place in every array, and by that its clock and its random numbers.
     """
-    sites = lattices[0].sites
-    for lattice in lattices[1:]:
-        sites = np.union1d(sites, lattice.sites)
+    sites = reduce(np.union1d, (lattice.sites for lattice in lattices))
     return [
         lattice if lattice.sites.size == sites.size else _embedded(lattice, sites)
         for lattice in lattices
@@ -211,14 +209,16 @@ def _embedded(lattice: ReactionLattice, sites: np.ndarray) -> ReactionLattice:
     return lattice.model_copy(update=changed)
 
 
-class Programme(AgeingMethod):
+class Programme(Kinetics):
     """Every replica is followed through all steps; its times are those of the steps.
 
-    It belongs to the section ``[protocol]`` and has no role.
+    It belongs to the section ``[protocol]`` and has no role. Its cost is stated as of one rest.
     """
 
-    role = ""
     kind = "programme"
+    observes = False
+    ruptures = False
+    shows_sites = False
     loads = True
     unfitted = "the times are those of several steps"
 
@@ -387,10 +387,13 @@ class Programme(AgeingMethod):
             old = int(np.count_nonzero(state.state & there))
             one = StepOutcome.of(segment, state, lost=lost, old=old)
             steps.append(one)
-            rows.append(state.recorded() | recorded_of(one, each[-1][0], kelvin))
+            rows.append(recorded_of(one, each[-1][0], kelvin))
+            for name, axis in state.time_axes().items():
+                if axis == 0:
+                    rows[-1][name] = state.observables[name]
         assert state is not None
         values: dict[str, Any] = {
-            name: np.hstack([row[name] for row in rows])
+            name: np.concatenate([np.atleast_1d(row[name]) for row in rows])
             for name in rows[0]
             if all(name in row for row in rows)
         }
@@ -404,12 +407,3 @@ class Programme(AgeingMethod):
             values[name] = np.float64(value)
         notes = (*origin.notes, *self._notes(contacts))
         return values, recorded, origin._replace(notes=notes)
-
-    def expected(
-        self, sites: float, kinetics: Mapping[str, float], replicas: int
-    ) -> dict[str, float]:
-        """See :meth:`chemage.plugin.AgeingMethod.expected`: as of one rest."""
-        return {
-            name: value * (1 if name == "bytes" else replicas)
-            for name, value in kinetics.items()
-        }

@@ -24,13 +24,9 @@ class _Protocol(Stage):
 
     def fills(self, data: Mapping[str, Any]) -> Mapping[str, dict[str, Any]]:
         from chemage import ChemageError
-        from chemage_history.programme import Programme
 
         try:
-            programme = Programme(
-                protocol=data[self.section], drive=data.get("drive")
-            )
-            times = programme.times().tolist()
+            times = self.method(data).times().tolist()
         except ChemageError:  # reported where the section is read
             times = [0.0]
         return {"hold": {"times": times}}

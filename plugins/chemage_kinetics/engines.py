@@ -434,10 +434,13 @@ class Independent(KernelEngine, ThreadedEngine):
     cite = ("Cox, Renewal Theory (Methuen, 1962), chapter 7",)
     bibtex = (COX,)
     interacting: ClassVar[bool] = False
+    cost = (100e-9, 60e-9, 25)
 
-    def expected(self, sites: float, interacting: bool) -> dict[str, float]:
-        """See :meth:`chemage.plugin.Engine.expected`."""
-        return expected_cost(sites, 100e-9, 60e-9, 25)
+    def expected(
+        self, sites: float, interacting: bool, events: float | None = None
+    ) -> dict[str, float]:
+        """See :meth:`chemage.plugin.Engine.expected`; whatever the events are."""
+        return super().expected(sites, interacting)
 
     def _follow(self, job: Job, ramp: _common.RampBounds | None) -> BondHistory:
         n = job.lattice.sites.size
