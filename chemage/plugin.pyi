@@ -2,6 +2,7 @@
 from chemage.plugins.hooks import API_VERSION as API_VERSION
 from chemage.results.arrhenius import ActivationEnergy as ActivationEnergy
 from chemage.ageing.methods import AgedBonds as AgedBonds
+from chemage.ageing.methods import AgedReplica as AgedReplica
 from chemage.foundation.result import Ageing as Ageing
 from chemage.ageing.methods import AgeingMethod as AgeingMethod
 from chemage.ageing.methods import AgeingRequest as AgeingRequest

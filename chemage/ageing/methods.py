@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from chemage.ageing.observables import Observable, Seen, measure, stacked
+from chemage.ageing.observables import Observable, measure, stacked
 from chemage.ageing.replicas import (
     Checkpoint,
     Common,
@@ -258,6 +258,20 @@ class AgedBonds:
         )
 
 
+class AgedReplica(NamedTuple):
+    """What is kept of a replica that was followed; its lattice and state are not, because they would fill the memory."""
+
+    #: (m,)
+    bonds: np.ndarray
+    events: int
+    sites: int
+    #: (m,) nN; None: it follows from the bonds
+    force: np.ndarray | None
+    observables: Mapping[str, np.ndarray]
+    outputs: Mapping[str, Output]
+    origin: Origin
+
+
 class AgeingMethod(Component, ABC):
     """Role ``ageing``: the bonds of a contact against hold time.
 
@@ -423,28 +437,64 @@ class Kinetics(AgeingMethod):
     ruptures = True
     shows_sites = True
 
+    def plan(self, request: AgeingRequest) -> Any:
+        """What all replicas have in common, see :meth:`replica`: whether the states are wanted."""
+        return wants_states(request.engine, request.rupture, request.observe)
+
+    def replica(
+        self, request: AgeingRequest, number: int, plan: Any
+    ) -> AgedReplica:
+        """Follow a replica."""
+        replica = request.follow(number, states=plan)
+        lattice, history = replica.lattice, replica.history
+        seed = request.seeds(number).noise
+        force = rupture_bonds(
+            Bonded(request.solution, request.chemistry, lattice, history, seed),
+            request.rupture,
+        )
+        seen = measure(request.solution, lattice, history, request.observe)
+        for part in (lattice, history, force):
+            if twice := part.observables.keys() & seen.values.keys():
+                raise PluginError(
+                    f"{min(twice)!r} is recorded at two stages of a replica; rename one"
+                )
+            seen.values.update(part.observables)
+            seen.outputs.update(
+                {name: Output(**output) for name, output in part.outputs.items()}
+            )
+        origin = replica.origin(force)
+        given = request.rupture is not None or force.plugins
+        return AgedReplica(
+            history.bonds,
+            history.events,
+            lattice.sites.size,
+            force.force if given else None,
+            seen.values,
+            seen.outputs,
+            origin._replace(plugins={**origin.plugins, **seen.plugins}),
+        )
+
     def age(self, request: AgeingRequest) -> AgedBonds:
         """See :meth:`chemage.plugin.AgeingMethod.age`."""
-        states = wants_states(request.engine, request.rupture, request.observe)
-        replicas = request.each(lambda number: _replica(request, number, states))
-        bonds, events, sites, given, seen, origins = zip(*replicas, strict=True)
+        plan = self.plan(request)
+        replicas = request.each(lambda number: self.replica(request, number, plan))
         mean = request.chemistry.bond_force * request.chemistry.front_factor
         forces = None
-        if any(force is not None for force in given):
+        if any(one.force is not None for one in replicas):
             forces = np.stack(
                 [
-                    mean * own if force is None else force
-                    for own, force in zip(bonds, given, strict=True)
+                    mean * one.bonds if one.force is None else one.force
+                    for one in replicas
                 ]
             )
         return AgedBonds.of(
-            origins,
-            bonds=np.stack(bonds),
-            sites=np.array(sites),
-            events=np.array(events),
+            [one.origin for one in replicas],
+            bonds=np.stack([one.bonds for one in replicas]),
+            sites=np.array([one.sites for one in replicas]),
+            events=np.array([one.events for one in replicas]),
             rupture_force=forces,
-            observables=stacked([one.values for one in seen]),
-            outputs=seen[0].outputs,
+            observables=stacked([one.observables for one in replicas]),
+            outputs=replicas[0].outputs,
         )
 
     def expected(
@@ -459,34 +509,6 @@ class Kinetics(AgeingMethod):
 
 #: in place of a method that is not chosen
 EVERY_SITE: AgeingMethod = Kinetics()
-
-
-def _replica(
-    request: AgeingRequest, number: int, states: bool
-) -> tuple[np.ndarray, int, int, np.ndarray | None, Seen, Origin]:
-    """What is kept of a finished replica; its lattice and state are not, because they would fill the memory: bonds,
-    events, sites, the force where it does not follow from the bonds, what was measured, and where it comes from."""
-    replica = request.follow(number, states=states)
-    lattice, history = replica.lattice, replica.history
-    seed = request.seeds(number).noise
-    force = rupture_bonds(
-        Bonded(request.solution, request.chemistry, lattice, history, seed),
-        request.rupture,
-    )
-    seen = measure(request.solution, lattice, history, request.observe)
-    for part in (lattice, history, force):
-        if twice := part.observables.keys() & seen.values.keys():
-            raise PluginError(
-                f"{min(twice)!r} is recorded at two stages of a replica; rename one"
-            )
-        seen.values.update(part.observables)
-        seen.outputs.update(
-            {name: Output(**output) for name, output in part.outputs.items()}
-        )
-    origin = replica.origin(force)
-    given = force.force if request.rupture is not None or force.plugins else None
-    origin = origin._replace(plugins={**origin.plugins, **seen.plugins})
-    return history.bonds, history.events, lattice.sites.size, given, seen, origin
 
 
 def expected_cost(

@@ -35,7 +35,7 @@ NAMES = {
     "ageing.columns": "read_columns",
     "ageing.covariance": "correlated_errors",
     "ageing.measurements": "Measurements read_measurements read_table",
-    "ageing.methods": "AgedBonds AgeingMethod AgeingRequest Kinetics Origin ageing_method",
+    "ageing.methods": "AgedBonds AgedReplica AgeingMethod AgeingRequest Kinetics Origin ageing_method",
     "ageing.observables": "Maps Observable Observed PlottedResult observable",
     "contacts.options": "ContactModulus contact_modulus",
     "contacts.patches": "label_patches",

@@ -64,5 +64,4 @@ def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
         axes.text(0.0, bottom + FILLED, words, va="bottom", fontsize="small")
     axes.set_yticks([])
     axes.set(xlabel="time (s), logarithmic within holds", ylim=(-0.05, len(bands)))
-    if len(results) > 1:
-        figures.legend(axes)
+    figures.legend(axes)

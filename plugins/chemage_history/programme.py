@@ -17,7 +17,7 @@ from chemage import (
     solve_contact,
 )
 from chemage.plugin import (
-    AgedBonds,
+    AgedReplica,
     AgeingRequest,
     BondHistory,
     Choice,
@@ -269,9 +269,11 @@ class Programme(Kinetics):
             except ChemageError as error:
                 raise InputError(f"step {number}: {error}") from error
 
-    def contacts(self, request: AgeingRequest) -> list[list[Reacting]]:
+    def plan(self, request: AgeingRequest) -> list[list[Reacting]]:
         """The contacts of each step, several where its load changes meanwhile, each solved from the one before; of
         conditions that come back the same one, unless the contact remembers. And the chemistry at the humidity."""
+        if not np.array_equal(request.hold_times, self.times()):
+            raise InputError("hold_times: are not those of the steps; give times()")
         contact, solver, surface = request.solution, request.solver, request.surface
         solved: dict[Any, ContactSolution] = {(contact.load, 1.0): contact}
         chemistries: dict[Any, Chemistry] = {None: request.chemistry}
@@ -309,27 +311,6 @@ class Programme(Kinetics):
                 found[-1].append((contact, chemistry))
         return found
 
-    def age(self, request: AgeingRequest) -> AgedBonds:
-        """See :meth:`chemage.plugin.AgeingMethod.age`."""
-        if not np.array_equal(request.hold_times, self.times()):
-            raise InputError("hold_times: are not those of the steps; give times()")
-        contacts = self.contacts(request)
-        replicas = request.each(lambda n: self._replica(request, n, contacts))
-        every, recorded, origins = zip(*replicas, strict=True)
-        values = {name: np.stack([one[name] for one in every]) for name in every[0]}
-        outputs = {**recorded[0], **OUTPUTS, **self.protocol.outputs}
-        if not self.driven:
-            del outputs["slider"]
-        return AgedBonds.of(
-            origins,
-            bonds=values["bonds"],
-            sites=values["sites"],
-            events=values["events"],
-            rupture_force=values["force"] if self.driven else None,
-            observables={name: values[name] for name in outputs},
-            outputs=outputs,
-        )
-
     def _notes(self, contacts: list[list[Reacting]]) -> Iterator[str]:
         """What users should know of the numbers, in words."""
         if self.driven:
@@ -337,16 +318,13 @@ class Programme(Kinetics):
         if len({contact.load for each in contacts for contact, _ in each}) > 1:
             yield "friction coefficients are over the load of the scene"
 
-    def _replica(
-        self,
-        request: AgeingRequest,
-        number: int,
-        contacts: list[list[Reacting]],
-    ) -> tuple[dict[str, Any], dict[str, Output], Origin]:
-        """Its values by name, what engine and plugins recorded of them, and where it comes from."""
+    def replica(
+        self, request: AgeingRequest, number: int, plan: list[list[Reacting]]
+    ) -> AgedReplica:
+        """Follow a replica through all steps, on the contacts of the ``plan``."""
         seeds = request.seeds(number)
         kelvin = request.temperature
-        pairs = {(id(a), id(b)): (a, b) for each in contacts for a, b in each}
+        pairs = {(id(a), id(b)): (a, b) for each in plan for a, b in each}
         built = [build_lattice(b, a, seeds.disorder) for a, b in pairs.values()]
         on = dict(zip(pairs, on_all_sites(built), strict=True))
         state, lattice = None, next(iter(on.values()))
@@ -354,7 +332,7 @@ class Programme(Kinetics):
         origin = Origin().then(*built)
         steps: list[StepOutcome] = []
         rows: list[dict[str, Any]] = []
-        for segment, each in zip(self.segments, contacts, strict=True):
+        for segment, each in zip(self.segments, plan, strict=True):
             parts, lost = [], 0
             pieces = zip(segment.parts(kelvin), each, strict=True)
             for piece, (contact, chemistry) in pieces:
@@ -397,13 +375,23 @@ class Programme(Kinetics):
             for name in rows[0]
             if all(name in row for row in rows)
         }
-        recorded = {
+        outputs = {
             name: Output(**state.outputs[name])
             for name in values
             if name in state.outputs
         }
-        values["sites"], values["events"] = state.state.size, state.events
+        outputs |= {**OUTPUTS, **self.protocol.outputs}
         for name, value, _, _ in self.protocol.measure(steps):
             values[name] = np.float64(value)
-        notes = (*origin.notes, *self._notes(contacts))
-        return values, recorded, origin._replace(notes=notes)
+        if not self.driven:
+            del outputs["slider"]
+        notes = (*origin.notes, *self._notes(plan))
+        return AgedReplica(
+            values["bonds"],
+            state.events,
+            state.state.size,
+            values["force"] if self.driven else None,
+            {name: values[name] for name in outputs},
+            outputs,
+            origin._replace(notes=notes),
+        )
