@@ -53,7 +53,7 @@ def method_of(parts: Parts) -> Any:
 
 
 def arguments_of(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """What the parts of a scene say of the arguments of :func:`chemage.age` but the contact and the chemistry."""
+    """What the parts of a scene say of the arguments of :func:`chemage.age` but surface, contact and chemistry."""
     from chemage.friction.role import Rupture
 
     hold = parts["hold"]
@@ -63,6 +63,7 @@ def arguments_of(parts: Mapping[str, Any]) -> dict[str, Any]:
             for name in ("hold_times", "temperature", "replicas", "seed", "common")
         },
         engine=parts["engine"],
+        solver=parts["contact"],
         method=method_of(parts),
         rupture=parts.get(Rupture.role),
         observe=parts.get("observe", ()),
@@ -88,12 +89,10 @@ class _Ageing(Stage):
             name: getattr(inputs, name)
             for name in ("threads", "progress", "checkpoints")
         }
-        if "surface" in inputs.made:
-            how["surface"] = inputs.made["surface"]
-            how["solver"] = inputs.parts["contact"]
         return age(
             inputs.made["contact"],
             inputs.parts["chemistry"],
+            surface=inputs.made.get("surface"),
             **arguments_of(inputs.parts),
             **how,
         )

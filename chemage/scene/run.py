@@ -458,9 +458,8 @@ def _run(
         and scene.chemistry is not None
         and scene.chemistry.forming.members(1)
     ):
-        how = arguments_of(scene.parts) | {
+        how = arguments_of(scene.solved_parts) | {
             "surface": made.get("surface"),
-            "solver": scene.solver,
             "threads": threads,
             "progress": progress and partial(progress, BARRIERS),
         }
@@ -537,9 +536,9 @@ def aging_of(
         return None
     assert scene.chemistry is not None
     with scene.in_use():
-        how = arguments_of(scene.parts)
+        how = arguments_of(scene.solved_parts)
         if how["method"] is not None and how["method"].loads:
-            how |= {"surface": surface_of(scene), "solver": scene.solver}
+            how["surface"] = surface_of(scene)
         return age(contact, scene.chemistry, **(how | changes))
 
 
