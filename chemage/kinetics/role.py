@@ -65,9 +65,7 @@ class Ramp:
         end = lattice if self.lattice is None else self.lattice
         expect("ramp.lattice", end, ReactionLattice, "give one with the same sites")
         if (end.breaking is None) != (lattice.breaking is None) or any(
-            not np.array_equal(
-                np.array(getattr(end, name)), np.array(getattr(lattice, name))
-            )
+            not np.array_equal(getattr(end, name), getattr(lattice, name))
             for name in (
                 "sites",
                 "neighbours",

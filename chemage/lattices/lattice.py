@@ -196,12 +196,7 @@ class ReactionLattice(Observing, Record):
         if self.positions is not None:
             self._check_positions(self.positions, n)
         self._check_graph(n)
-        further = ("transitions", "transition_barriers", "transition_terms")
-        arrays = {name: getattr(self, name) for name in further}
-        if self.states is not None:
-            check_transitions(self.states, self.initial, arrays, n)
-        elif any(array is not None for array in arrays.values()):
-            raise ValueError("transitions: give the names of the states as well")
+        check_transitions(self)
         return self
 
     def _check_positions(self, positions: np.ndarray, n: int) -> None:

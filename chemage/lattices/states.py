@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -68,17 +67,18 @@ class Transition(Component):
         )
 
 
-def check_transitions(
-    states: Sequence[str],
-    initial: int | None,
-    arrays: Mapping[str, Any],
-    sites: int,
-) -> None:
-    """Raise a ValueError where the transitions of a lattice of ``sites`` contradict its ``states``."""
-    transitions, _, terms = arrays.values()
+def check_transitions(lattice: Any) -> None:
+    """Raise a ValueError where the transitions of a lattice contradict its states."""
+    names = "transitions", "transition_barriers", "transition_terms"
+    arrays = [getattr(lattice, name) for name in names]
+    states, (transitions, _, terms) = lattice.states, arrays
+    if states is None:
+        if any(array is not None for array in arrays):
+            raise ValueError("transitions: give the names of the states as well")
+        return
     count = np.size(transitions) // 2
-    shapes = [(count, 2), (sites, count), (count, 2)]
-    for (name, array), shape in zip(arrays.items(), shapes, strict=True):
+    shapes = [(count, 2), (lattice.sites.size, count), (count, 2)]
+    for name, array, shape in zip(names, arrays, shapes, strict=True):
         if np.shape(array) != shape or not np.isfinite(array).all():
             raise ValueError(
                 f"{name}: shape {np.shape(array)}; give {shape} finite numbers"
@@ -87,7 +87,7 @@ def check_transitions(
         raise ValueError(
             f"states: {states}; name {' and '.join(TWO_STATES)} first, and none twice"
         )
-    numbers = {*transitions.ravel().tolist(), initial or 0}
+    numbers = {*transitions.ravel().tolist(), lattice.initial or 0}
     if not numbers <= {*range(len(states))} or (terms[:, 1] < 0).any():
         raise ValueError(
             f"transitions: states {numbers} and factors {terms[:, 1]}; give states from 0 to {len(states) - 1}, and "

@@ -477,7 +477,7 @@ def parts_of(
             _common.RampBounds(
                 float(since),
                 float(until - since),
-                (float(kelvins[0]) / hottest, float(kelvins[1]) / hottest),
+                tuple((kelvins / hottest).tolist()),
                 above.get("forming", none),
                 above.get("breaking", none),
             ),
