@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.stats import binomtest, chi2, chi2_contingency, kstest
 
 import chemage as ca
 from chemage import InputError
-from chemage.plugin import KB
+from chemage.plugin import KB, Engine, Output
 from chemage_history import HistoryStep, Programme
 from chemage_history.programme import follow, on_all_sites, state_of
 from chemage_history.steps import segments
@@ -128,6 +129,31 @@ def test_a_ramp_of_load_is_refused_without_its_surface():
             Rows().solve(FLAT, 10.0), independent(), engine=ca.engine("auto"), hold_times=programme.times(),
             temperature=300, method=programme,
         )  # fmt: skip
+
+
+class Recording(Engine):
+    """Records two numbers at each hold time."""
+
+    kind = "recording"
+    outputs: ClassVar = {"bonds_and_sites": Output(("hold_time", "number"), "", "bonds, and sites")}
+
+    def _run(self, lattice, hold_times, temperature, seed, start):
+        history = ca.engine("independent")._run(lattice, hold_times, temperature, seed, start)
+        sites = np.full(history.bonds.size, lattice.sites.size)
+        self.record(bonds_and_sites=np.stack([history.bonds, sites], axis=1))
+        return history
+
+
+def test_arrays_that_an_engine_records_are_those_of_all_steps():
+    steps = [{"duration": 1.0, "points": 3}, {"load": {"to": 150.0, "contacts": 2}, "duration": 1.0, "points": 5}]
+    programme = Programme(protocol={"kind": "steps", "step": steps})
+    found = ca.age(
+        Rows().solve(FLAT, 100.0), independent(), engine=Recording(), hold_times=programme.times(), temperature=300,
+        replicas=1, method=programme, surface=FLAT, solver=Rows(),
+    )  # fmt: skip
+    seen = found.observables["bonds_and_sites"][0]
+    np.testing.assert_array_equal(seen[:, 0], found.bonds[0])
+    assert np.all(seen[:, 1] == found.sites[0])
 
 
 WATER = {
