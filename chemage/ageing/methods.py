@@ -437,15 +437,15 @@ class Kinetics(AgeingMethod):
     ruptures = True
     shows_sites = True
 
-    def plan(self, request: AgeingRequest) -> Any:
+    def shared(self, request: AgeingRequest) -> Any:
         """What all replicas have in common, see :meth:`replica`: whether the states are wanted."""
         return wants_states(request.engine, request.rupture, request.observe)
 
     def replica(
-        self, request: AgeingRequest, number: int, plan: Any
+        self, request: AgeingRequest, number: int, shared: Any
     ) -> AgedReplica:
         """Follow a replica."""
-        replica = request.follow(number, states=plan)
+        replica = request.follow(number, states=shared)
         lattice, history = replica.lattice, replica.history
         seed = request.seeds(number).noise
         force = rupture_bonds(
@@ -476,8 +476,10 @@ class Kinetics(AgeingMethod):
 
     def age(self, request: AgeingRequest) -> AgedBonds:
         """See :meth:`chemage.plugin.AgeingMethod.age`."""
-        plan = self.plan(request)
-        replicas = request.each(lambda number: self.replica(request, number, plan))
+        shared = self.shared(request)
+        replicas = request.each(
+            lambda number: self.replica(request, number, shared)
+        )
         mean = request.chemistry.bond_force * request.chemistry.front_factor
         forces = None
         if any(one.force is not None for one in replicas):

@@ -269,7 +269,7 @@ class Programme(Kinetics):
             except ChemageError as error:
                 raise InputError(f"step {number}: {error}") from error
 
-    def plan(self, request: AgeingRequest) -> list[list[Reacting]]:
+    def shared(self, request: AgeingRequest) -> list[list[Reacting]]:
         """The contacts of each step, several where its load changes meanwhile, each solved from the one before; of
         conditions that come back the same one, unless the contact remembers. And the chemistry at the humidity."""
         if not np.array_equal(request.hold_times, self.times()):
@@ -319,12 +319,12 @@ class Programme(Kinetics):
             yield "friction coefficients are over the load of the scene"
 
     def replica(
-        self, request: AgeingRequest, number: int, plan: list[list[Reacting]]
+        self, request: AgeingRequest, number: int, shared: list[list[Reacting]]
     ) -> AgedReplica:
-        """Follow a replica through all steps, on the contacts of the ``plan``."""
+        """Follow a replica through all steps, on the ``shared`` contacts."""
         seeds = request.seeds(number)
         kelvin = request.temperature
-        pairs = {(id(a), id(b)): (a, b) for each in plan for a, b in each}
+        pairs = {(id(a), id(b)): (a, b) for each in shared for a, b in each}
         built = [build_lattice(b, a, seeds.disorder) for a, b in pairs.values()]
         on = dict(zip(pairs, on_all_sites(built), strict=True))
         state, lattice = None, next(iter(on.values()))
@@ -332,7 +332,7 @@ class Programme(Kinetics):
         origin = Origin().then(*built)
         steps: list[StepOutcome] = []
         rows: list[dict[str, Any]] = []
-        for segment, each in zip(self.segments, plan, strict=True):
+        for segment, each in zip(self.segments, shared, strict=True):
             parts, lost = [], 0
             pieces = zip(segment.parts(kelvin), each, strict=True)
             for piece, (contact, chemistry) in pieces:
@@ -385,7 +385,7 @@ class Programme(Kinetics):
             values[name] = np.float64(value)
         if not self.driven:
             del outputs["slider"]
-        notes = (*origin.notes, *self._notes(plan))
+        notes = (*origin.notes, *self._notes(shared))
         return AgedReplica(
             values["bonds"],
             state.events,
