@@ -167,11 +167,6 @@ class Segment:
         begin, end = self.times[[0, -1]]
         return first + (last - first) * ((times - begin) / ((end - begin) or 1.0))
 
-    def way(self, since: float) -> float:
-        """nm, of the drive from a time (s) to the end."""
-        mean = self.along("speed", (since + self.times[-1]) / 2)
-        return float(mean * (self.times[-1] - since))
-
     def parts(self, kelvin: float) -> Iterator[Segment]:
         """Those with one contact each, the first and the last half as long; their last time is none of the whole. The
         step itself where its load stays. ``kelvin``: temperature where it has none."""
@@ -270,7 +265,8 @@ class StepOutcome:
             getattr(history, name, none) for name in names
         )
         last = -1 - max(1, round(LAST * (none.size - 1)))
-        way = segment.way(float(segment.times[last]))
+        since, end = segment.times[[last, -1]]
+        way = segment.along("speed", (since + end) / 2) * (end - since)
         return cls(
             segment,
             bonds,
