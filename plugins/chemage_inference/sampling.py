@@ -36,7 +36,7 @@ STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 SHIFTED = 0.7
 #: passes over the density in a sweep, without scalars and with them, and moves of scalars in each; common factors need
 #: fewer
-PASSES, MOVED = (2, 4), 2
+PASSES, MOVED = (2, 4), 4
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
