@@ -275,7 +275,9 @@ class Page:
         plot.scatter("x", "y", source=points, color="black", size=5)
         plot.legend.location = "top_left"
         template = (
-            resources.files("chemage_live").joinpath("page.html.j2").read_text("utf-8")
+            resources.files("chemage_live")
+            .joinpath("page.html.j2")
+            .read_text("utf-8")
         )
         return file_html(
             column(*plots, sizing_mode=_WIDE),
