@@ -265,11 +265,12 @@ class Noise:
             after = before + 1.7 / np.sqrt(
                 2 * sizes + SPREAD**-2
             ) * rng.standard_normal(count)
-            there = of_curves(np.exp(after))
+            other = np.exp(after)
+            there = of_curves(other)
             gain = there - here - 0.5 * (after**2 - before**2) / SPREAD**2
             inside = (after >= np.log(SMALLEST)) & (after <= np.log(LARGEST))
             taken = inside & (np.log(rng.random(count)) < gain)
-            scales = np.where(taken, np.exp(after), scales)
+            scales = np.where(taken, other, scales)
             here = np.where(taken, there, here)
         return replace(state, scales=scales)
 
