@@ -314,6 +314,22 @@ def largest_lowering(
     return chemistry.activation_volume * EV_PER_GPA_NM3 * top
 
 
+def _sites(
+    chemistry: Chemistry, contact: ContactSolution | ContactStatistics
+) -> float:
+    if isinstance(contact, ContactSolution):
+        sites = float(chemistry.sites_of(contact).sites.size)
+    else:
+        statistics = contact_statistics(contact, chemistry)
+        sites = statistics.contact_area * float(chemistry.site_density)
+    sites *= chemistry.hydroxylation
+    if not sites > 0:
+        raise InputError(
+            f"contact at {contact.load:g} nN: has no sites in contact; check load, surface and site_density"
+        )
+    return sites
+
+
 def make_condition(
     chemistry: Chemistry,
     contact: ContactSolution | ContactStatistics,
@@ -326,16 +342,8 @@ def make_condition(
     """The forward model of one contact at one temperature, for a density on ``grid``; ``before``: see
     :func:`chemage_inference.energies.bonded_probability`."""
     times = np.unique(hold_times)
+    sites = _sites(chemistry, contact)
     statistics = contact_statistics(contact, chemistry)
-    if isinstance(contact, ContactSolution):
-        sites = float(chemistry.sites_of(contact).sites.size)
-    else:
-        sites = statistics.contact_area * float(chemistry.site_density)
-    sites *= chemistry.hydroxylation
-    if not sites > 0:
-        raise InputError(
-            f"contact at {contact.load:g} nN: has no sites in contact; check load, surface and site_density"
-        )
     scale = sites * chemistry.bond_force * chemistry.front_factor
     if chemistry.interaction is None or not isinstance(contact, ContactSolution):
         shift = -chemistry.activation_volume * EV_PER_GPA_NM3 * statistics.pressure
@@ -456,6 +464,7 @@ class Model:
     def __post_init__(self) -> None:
         #: the point of the grid of scalars from which sampling begins: the middle, until another is known to fit better
         self.middle = self.unknowns.points // 2
+        self.loads = list(dict.fromkeys(curve.load for curve in self.curves))
         self.keys = list(
             dict.fromkeys(
                 (curve.load, curve.temperature, curve.before)
@@ -574,6 +583,7 @@ class Model:
         numbers = np.array(
             [self.instruments.index(curve.instrument) for curve in self.curves]
         )
+        loads = [self.loads.index(curve.load) for curve in self.curves]
         return Noise(
             self.error_model,
             self.stated,
@@ -582,7 +592,26 @@ class Model:
             self.hold_times,
             numbers,
             np.zeros(0) if np.isnan(self.near).all() else self.near,
+            np.array(loads),
+            self._site_errors,
         )
+
+    @cached_property
+    def _site_errors(self) -> np.ndarray:
+        """(loads,) of the logarithm of the sites under an unknown load, 0 where smaller than other errors: as it rises,
+        pixels come into contact one after the other, and some at once."""
+        errors = np.zeros(len(self.loads))
+        if LOAD not in self.unknowns.axes:
+            return errors
+        overs = self.unknowns.axes[LOAD]
+        for number, stated in enumerate(self.loads):
+            contacts = [
+                self.contacts.at(load) for load in (stated * overs).tolist()
+            ]
+            sites = [_sites(self.chemistry, contact) for contact in contacts]
+            smooth = np.polynomial.Polynomial.fit(np.log(overs), np.log(sites), 2)
+            errors[number] = np.std(np.log(sites) - smooth(np.log(overs)), ddof=3)
+        return np.where(errors > MODEL_ERROR, errors, 0.0)
 
     @property
     def instruments(self) -> list[str]:

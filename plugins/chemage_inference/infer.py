@@ -29,7 +29,7 @@ from chemage_inference.energies import averaging
 from chemage_inference.families import compared, estimated, linear_problem, sampled
 from chemage_inference.forecast import band
 from chemage_inference.forward import Model, check_scene, make_model
-from chemage_inference.noise import ErrorModel
+from chemage_inference.noise import SITES, ErrorModel
 from chemage_inference.problem import (
     REACH,
     Data,
@@ -366,8 +366,10 @@ def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
     for (name, number), drawn in zip(nuisances, samples.nuisances.T, strict=True):
         several = len(model.instruments) > 1
         label = f"{name} of {model.instruments[number]}" if several else name
+        if name == SITES:
+            label = f"{name} under {model.loads[number]:g} nN"
         # a factor by its logarithm
-        terms[label] = np.exp(drawn) if name == "calibration" else drawn
+        terms[label] = np.exp(drawn) if name in ("calibration", SITES) else drawn
     return terms
 
 

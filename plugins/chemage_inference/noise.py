@@ -35,6 +35,8 @@ KINDS = ("scaled", "robust", "correlated")
 #: what all values of an instrument may share -> unit of its standard deviation in the prior: logarithms of a factor,
 #: and of one per decade of the hold time, which is 1 in the middle of the hold times of the instrument; what is added
 NUISANCES = {"calibration": "", "drift": "", "offset": "nN"}
+#: name of a factor of all values under one load, as the model is off there
+SITES = "sites"
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,9 @@ class Noise:
     instruments: np.ndarray
     #: (m,) correlation of each stated error with that of the point before, nan: not known; empty: none is
     near: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    #: (curves,) numbers of their loads, and (loads,) standard deviations of the logarithms of :data:`SITES`, 0: none is
+    loads: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    site_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def start(self) -> State:
@@ -106,15 +111,24 @@ class Noise:
 
     @cached_property
     def nuisances(self) -> list[tuple[str, int]]:
-        """(q,) names, and numbers of the instruments."""
+        """(q,) names, and numbers of the instruments, or of the loads."""
         count = int(self.instruments.max(initial=0)) + 1
         names = [name for name in NUISANCES if getattr(self.model, name)]
-        return [(name, number) for name in names for number in range(count)]
+        shared = [(name, number) for name in names for number in range(count)]
+        loads = np.flatnonzero(self.site_errors).tolist()
+        return shared + [(SITES, number) for number in loads]
 
     @cached_property
     def widths(self) -> np.ndarray:
         """(q,) standard deviations in the prior."""
-        return np.array([getattr(self.model, name) for name, _ in self.nuisances])
+        return np.array(
+            [
+                self.site_errors[number]
+                if name == SITES
+                else getattr(self.model, name)
+                for name, number in self.nuisances
+            ]
+        )
 
     @cached_property
     def multiplies(self) -> np.ndarray:
@@ -125,12 +139,10 @@ class Noise:
     def columns(self) -> np.ndarray:
         """(m, q): what one of each nuisance adds to the logarithm of a value, or to the value."""
         columns = np.zeros((self.stated.size, len(self.nuisances)))
-        instrument, decades = (
-            self.instruments[self.curve],
-            np.log10(self.hold_times),
-        )
+        decades = np.log10(self.hold_times)
         for column, (name, number) in zip(columns.T, self.nuisances, strict=True):
-            here = np.flatnonzero(instrument == number)
+            numbers = self.loads if name == SITES else self.instruments
+            here = np.flatnonzero(numbers[self.curve] == number)
             ends = decades[here].min(), decades[here].max()
             column[here] = decades[here] - np.mean(ends) if name == "drift" else 1.0
         return columns

@@ -165,7 +165,7 @@ class Inference(Record):
     error_terms: Named = {}
     """what was inferred of the errors -> (S,): ``scale N`` of the stated errors of curve N, ``correlation time``
     (e-folds of the hold time), ``calibration`` (measured over true friction), ``drift`` (change of its logarithm per
-    decade of the hold time), ``offset`` (nN)"""
+    decade of the hold time), ``offset`` (nN), ``sites under N nN`` (in contact, over those of a smooth model)"""
     fitted: Doubles
     """(S, m) ΔF of each posterior sample as it would be measured, with calibration, drift and offset, nN"""
     prior_fitted: Doubles

@@ -19,6 +19,8 @@ from inferring import (
     Problem,
     State,
     effective,
+    make_model,
+    unknowns_of,
     warm,
 )
 
@@ -273,6 +275,31 @@ def test_understated_errors_and_a_point_that_is_off_are_found():
     stated = ca.infer(data, scene(), families=(), samples=200, errors="as-stated")
     assert not stated.error_terms
     assert stated.errors[-1] == pytest.approx(data.errors[-1], rel=0.1)
+
+
+def test_the_sites_of_an_unknown_load_are_known_as_well_as_said():
+    """Between the loads of the grid, those of a parabola are off by one of the steps of the pixels, of the whole curve."""
+    made, error = scene(), 0.05
+    load, chemistry = made.load, made.chemistry
+    about = {"temperature": 300.0, "hold_times": TIMES, "values": np.ones(25), "errors": np.ones(25)}
+    curves = [ca.MeasuredCurve(load=over * load, **about) for over in (1, 3)]
+    unknowns = unknowns_of([], chemistry, error)
+    found = make_model(made, chemistry, unknowns, curves, 0).noise
+    assert found.nuisances == [("sites", 0), ("sites", 1)]
+    assert found.columns == pytest.approx(np.repeat(np.eye(2), 25, axis=0))
+    surface, at = ca.make_surface(made.surface), np.random.default_rng(1).uniform(0, 8, 40)
+
+    def sites(over):
+        return [chemistry.sites_of(ca.solve_contact(made.solver, surface, one * load)).sites.size for one in over]
+
+    for width, over in zip(found.widths, (1, 3), strict=True):
+        axis = over * np.exp(error * 2.5 * np.linspace(-1, 1, 9))
+        smooth = np.polynomial.Polynomial.fit(np.log(axis), np.log(sites(axis)), 2)
+        between = np.exp(np.interp(at, np.arange(9), np.log(axis)))
+        off = np.log(sites(between)) - smooth(np.log(between))
+        assert 0.5 < off.std() / width < 2
+    known = make_model(made, chemistry, unknowns_of([], chemistry), curves, 0).noise
+    assert not known.nuisances
 
 
 @pytest.mark.campaign

@@ -8,9 +8,10 @@ from chemage.foundation.quantities import Curve, by_name
 from chemage.foundation.result import Ageing, result_of
 from chemage.results.verdicts import between, verdict
 from chemage_inference.calibrate import Calibration, _errors, _rank, calibrate
+from chemage_inference.forward import make_model
 from chemage_inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage_inference.open import effective, r_hat
-from chemage_inference.problem import Prior, Problem
+from chemage_inference.problem import Prior, Problem, unknowns_of
 from chemage_inference.sampling import Chain, warm
 
 drawn_errors, rank = _errors, _rank
@@ -18,7 +19,7 @@ drawn_errors, rank = _errors, _rank
 __all__ = [
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
     "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors",
-    "effective", "r_hat", "rank", "result_of", "verdict", "warm",
+    "effective", "make_model", "r_hat", "rank", "result_of", "unknowns_of", "verdict", "warm",
 ]  # fmt: skip
 
 
