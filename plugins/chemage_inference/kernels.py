@@ -31,6 +31,8 @@ NEGLIGIBLE = 60.0
 ROWS = 16
 #: standard deviation of the integral of a density that is complete, and its largest
 COMPLETE, LIMIT = 0.003, 1.02
+#: standard errors by which a combination of the measurements changes with the density (1/eV) at scalars, or is left out
+UNTOLD = 0.01
 #: nodes by which a density is shifted at most; probability with which a new one has the sign of the one beside
 SHIFTED, SAME = 8, 0.9
 
@@ -411,13 +413,14 @@ def spline_weights(position, powers, sizes):
 
 @kernel(nogil=True)
 def reduced(scalars, measured, values, errors, near):
-    """Matrix (n, q) and target (q,) of the misfit, q > r, and the part of χ² that does not depend on the density.
+    """Matrix (n, q) and target (q,) of the misfit, and the part of χ² that does not depend on the density.
 
     ``measured`` is the model at any ``scalars`` (k,), of which the first d are a position on the grid: ``powers`` and
     ``sizes`` as of :func:`spline_weights`; the coefficients ``parts`` (g, m, r), of the measurements by the ``axes``
     (n, r), and ``offsets`` (g, m); and the changes (m, k) of the logarithms of the values, and of the values, with each
-    scalar. ``values`` (m,) have ``errors`` (m,) and correlations ``near`` (m,) with the point before. The rows from r
-    on are 0, the last one for the integral, see :func:`weighed`.
+    scalar. ``values`` (m,) have ``errors`` (m,) and correlations ``near`` (m,) with the point before. Combinations that
+    the density does not change at these scalars are left out. The last columns are 0, the very last for the integral,
+    see :func:`weighed`.
     """
     powers, sizes, axes, parts, offsets, rises, adds = measured
     m, r = values.size, axes.shape[1]
@@ -446,16 +449,12 @@ def reduced(scalars, measured, values, errors, near):
     square = algebra.products(columns, rows)
     lower = algebra.cholesky(square + 1e-6 * np.eye(r))
     goals = algebra.forward(lower, algebra.products(columns, goal))
-    width = r + ROWS - r % ROWS
+    told = np.flatnonzero((lower * lower).sum(axis=0) > UNTOLD**2)
+    width = told.size + ROWS - told.size % ROWS
     matrix, target = np.zeros((len(axes), width)), np.zeros(width)
-    matrix[:, :r] = algebra.products(axes, lower)
-    rest = 0.0
-    for i in range(m):
-        rest += goal[i, 0] * goal[i, 0]
-    for k in range(r):
-        target[k] = goals[k, 0]
-        rest -= target[k] * target[k]
-    return matrix, target, rest
+    matrix[:, : told.size] = algebra.products(axes, lower[:, told])
+    target[: told.size] = goals[told, 0]
+    return matrix, target, (goal * goal).sum() - (target * target).sum()
 
 
 @kernel(nogil=True)

@@ -34,9 +34,9 @@ SCALARS_AGREED = 1.01
 STEPS, LONGER = (0.1, 0.3, 1.0), 0.7
 #: share of the moves of scalars in which the density shifts with the energies
 SHIFTED = 0.7
-#: passes over the density in a sweep, without scalars and with them, and moves of scalars in each; common factors need
-#: fewer
-PASSES, MOVED = (2, 4), 4
+#: passes over the density in a sweep, without scalars and with them; moves of scalars after each: so many, and so many
+#: for each scalar; common factors need fewer
+PASSES, MOVED = (2, 4), (2, 2)
 #: densities at most that are looked at for one direction of an exchange between density and factor
 TRIES = 30
 #: densities of the warm-up whose differences serve as directions; bumps of which some are drawn for every sweep
@@ -128,13 +128,13 @@ class Chain:
     def step(self) -> None:
         """One sweep over all unknowns."""
         unknown = self.scalars.size > 0
-        for left in reversed(range(PASSES[unknown])):
+        for _ in range(PASSES[unknown]):
             self._drawn_density()
             self._drawn_complete()
             self._drawn_choice()
             if unknown:
                 self._exchanged()
-                self._moved_scalars(flips=not left)
+                self._moved_scalars()
         if not self.noise.fixed:
             self._drawn_errors()
 
@@ -389,13 +389,13 @@ class Chain:
         steps[there] *= (whole[there] / nodes[there])[:, None]
         return steps, whole.astype(np.int64)
 
-    def _moved_scalars(self, flips: bool) -> None:
-        """Move the scalars, or stay, with a density that adapts to them; with ``flips`` one move opens or completes the
-        density."""
+    def _moved_scalars(self) -> None:
+        """Move the scalars, or stay, with a density that adapts to them; the last move opens or completes the density."""
         problem, rng, direction = self.problem, self.rng, self._scaling
-        steps, nodes = self._steps(1 if self._common.all() else MOVED)
+        moves = MOVED[0] + MOVED[1] * self.scalars.size
+        steps, nodes = self._steps(1 if self._common.all() else moves)
         ways = np.full((len(steps), 2), np.nan)
-        if flips and direction.any():
+        if direction.any():
             there = direction != 0
             width = float(np.mean(self._widths[there] / direction[there]))
             steps = np.concatenate([steps, direction[None]])
@@ -524,7 +524,7 @@ def sample(
         warm(chains, min(WARM, sweeps), workers)
     for chain in chains:
         chain.forget()
-    done, more = 0, min(each + each // 2, max(sweeps, each))
+    done, more = 0, each
     while True:
         if progress:
             progress(done, sweeps)
