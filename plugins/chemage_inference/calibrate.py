@@ -49,7 +49,7 @@ from chemage_inference.result import UnexplainedError
 from chemage_inference.sampling import Chain, warm
 
 #: sweeps of the prior between two truths, and of each chain of an inference; samples that are kept
-APART, SWEEPS, KEPT = 60, 1200, 400
+APART, SWEEPS, KEPT = 200, 1200, 400
 #: levels whose coverage is stated
 LEVELS = (0.68, 0.90)
 
