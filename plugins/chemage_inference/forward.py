@@ -603,14 +603,14 @@ class Model:
         errors = np.zeros(len(self.loads))
         if LOAD not in self.unknowns.axes:
             return errors
-        overs = self.unknowns.axes[LOAD]
+        points = range(self.unknowns.axes[LOAD].size)  # the last axis
         for number, stated in enumerate(self.loads):
-            contacts = [
-                self.contacts.at(load) for load in (stated * overs).tolist()
+            loads = [self.unknowns.load(stated, point) for point in points]
+            sites = [
+                _sites(self.chemistry, self.contacts.at(load)) for load in loads
             ]
-            sites = [_sites(self.chemistry, contact) for contact in contacts]
-            smooth = np.polynomial.Polynomial.fit(np.log(overs), np.log(sites), 2)
-            errors[number] = np.std(np.log(sites) - smooth(np.log(overs)), ddof=3)
+            smooth = np.polynomial.Polynomial.fit(np.log(loads), np.log(sites), 2)
+            errors[number] = np.std(np.log(sites) - smooth(np.log(loads)), ddof=3)
         return np.where(errors > MODEL_ERROR, errors, 0.0)
 
     @property
@@ -667,11 +667,7 @@ def make_model(
     for done, load in enumerate(loads):
         if progress:
             progress(done, len(loads))
-        top = (
-            load * float(unknowns.axes[LOAD].max())
-            if LOAD in unknowns.axes
-            else load
-        )
+        top = unknowns.load(load, unknowns.points - 1)
         lowering = max(lowering, largest_lowering(contacts.at(top), widest))
     if progress:
         progress(len(loads), len(loads))

@@ -347,7 +347,7 @@ def _inference(
     )
     notes = dict.fromkeys(_notes(model, problem, samples, inference))
     inference = inference.model_copy(update={"notes": tuple(notes)})
-    for load, *_ in model.keys:
+    for load in model.loads:
         contact = model.contacts.at(load)
         inference = inference.noting(contact.plugins, contact.approximate)
     return inference
@@ -364,10 +364,11 @@ def _error_terms(model: Model, samples: Samples) -> dict[str, np.ndarray]:
         terms["correlation time"] = np.exp(times)
     nuisances = model.noise.nuisances
     for (name, number), drawn in zip(nuisances, samples.nuisances.T, strict=True):
-        several = len(model.instruments) > 1
-        label = f"{name} of {model.instruments[number]}" if several else name
+        label = name
         if name == SITES:
             label = f"{name} under {model.loads[number]:g} nN"
+        elif len(model.instruments) > 1:
+            label = f"{name} of {model.instruments[number]}"
         # a factor by its logarithm
         terms[label] = np.exp(drawn) if name in ("calibration", SITES) else drawn
     return terms

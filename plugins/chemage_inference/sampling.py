@@ -100,7 +100,9 @@ class Chain:
         self.processes: list[np.ndarray] = []
         self.places: list[ChainPosition] = []
         nothing = np.zeros((0, start.size)), np.zeros((0, self.scalars.size))
-        self.guide = guide or Guide(*nothing)
+        archive, scalars = guide or nothing
+        # of a problem without nuisances, which are the last scalars, those of the others guide
+        self.guide = Guide(archive, scalars[:, : self.scalars.size])
         self._rows: Any = None
         logs = [
             kernels.log_prior(self.x, LEVEL, *one)

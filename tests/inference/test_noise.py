@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from inferring import (
     Problem,
     State,
     effective,
+    error_terms,
     make_model,
     unknowns_of,
     warm,
@@ -300,6 +302,39 @@ def test_the_sites_of_an_unknown_load_are_known_as_well_as_said():
         assert 0.5 < off.std() / width < 2
     known = make_model(made, chemistry, unknowns_of([], chemistry), curves, 0).noise
     assert not known.nuisances
+
+
+def test_errors_of_loads_are_named_by_them_and_every_contact_is_solved_once(monkeypatch):
+    """More loads than instruments."""
+    from chemage_inference import forward
+
+    solved, made = [], scene()
+    contact_of = forward.contact_of
+    monkeypatch.setattr(forward, "contact_of", lambda *given: solved.append(1) or contact_of(*given))
+    about = {"temperature": 300.0, "hold_times": TIMES, "values": np.ones(25), "errors": np.ones(25)}
+    loads = {30.0: "a", 50.0: "b", 150.0: "b"}
+    curves = [ca.MeasuredCurve(load=load, instrument=name, **about) for load, name in loads.items()]
+    unknowns, errors = unknowns_of([], made.chemistry, 0.05), ErrorModel(calibration=0.1)
+    model = make_model(made, made.chemistry, unknowns, curves, 0, None, errors)
+    nuisances = np.zeros((4, len(model.noise.nuisances)))
+    samples = SimpleNamespace(scales=np.ones((4, 3)), states=[], nuisances=nuisances)
+    names = ["calibration of a", "calibration of b", *(f"sites under {load:g} nN" for load in loads)]
+    assert list(error_terms(model, samples)) == names
+    for point in range(unknowns.points):
+        model.linear(np.ones(model.grid.count), point)
+    assert len(solved) == len(loads) * unknowns.points
+
+
+@pytest.mark.parametrize(
+    ("unknown", "calibration"),
+    [([], {"load": "5 %"}), (["activation_volume"], {"force": "10 %"})],
+    ids=["load", "force"],
+)
+def test_families_are_compared_where_scalars_and_errors_of_instruments_are_unknown(unknown, calibration):
+    """The errors are settled then, and the chains that leave hold times out have fewer scalars than those that guide."""
+    data = curve(ca.barriers("gaussian", mean=0.9, std=0.05), times=TIMES[::2])
+    call = {"families": ("gaussian",), "samples": 80, "unknown": unknown, "calibration": calibration}
+    assert set(ca.infer(data, scene(), **call).scores) == {"density", "gaussian"}
 
 
 @pytest.mark.campaign

@@ -9,17 +9,18 @@ from chemage.foundation.result import Ageing, result_of
 from chemage.results.verdicts import between, verdict
 from chemage_inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage_inference.forward import make_model
+from chemage_inference.infer import _error_terms
 from chemage_inference.noise import LARGEST, NEAREST, RARE, SPREAD, WIDER, ErrorModel, Noise, State
 from chemage_inference.open import effective, r_hat
 from chemage_inference.problem import Prior, Problem, unknowns_of
 from chemage_inference.sampling import Chain, warm
 
-drawn_errors, rank = _errors, _rank
+drawn_errors, error_terms, rank = _errors, _error_terms, _rank
 
 __all__ = [
     "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
     "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors",
-    "effective", "make_model", "r_hat", "rank", "result_of", "unknowns_of", "verdict", "warm",
+    "effective", "error_terms", "make_model", "r_hat", "rank", "result_of", "unknowns_of", "verdict", "warm",
 ]  # fmt: skip
 
 
