@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from html import escape
 from typing import Any
 
@@ -15,6 +16,9 @@ from chemage.foundation.aliases import Fields
 
 #: errors below this part of the value are rounding
 ROUNDING = 1e-12
+
+#: how a text begins that spreadsheets compute; ASCII and full width
+_FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")
 
 #: what is written in place of an interval of no width
 NO_SCATTER = "(no scatter, so that the error is not known)"
@@ -144,12 +148,22 @@ def jsonable(value: Any) -> Any:
 
 
 def csv_text(names: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
-    """A table as CSV, with the names of its columns on the first line."""
+    """A table as CSV, with the names of its columns on the first line. A text that a spreadsheet would compute, such as
+    ``=1+1``, has an apostrophe before it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)
+    writer.writerows([_inert(cell) for cell in row] for row in (names, *rows))
     return text.getvalue()
+
+
+def _inert(cell: Any) -> Any:
+    if not isinstance(cell, str):
+        return cell
+    cell = cell.replace("\r", " ")  # which csv does not quote
+    with suppress(ValueError):
+        float(cell)
+        return cell
+    return f"'{cell}" if cell.lstrip().startswith(_FORMULA) else cell
 
 
 def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:

@@ -74,6 +74,13 @@ def test_json_and_csv_are_one_document_each(two, command):
     assert float(rows[1]["beta"]) == alone["beta"]
 
 
+def test_a_name_that_a_spreadsheet_would_compute_is_a_text_in_csv(two, command):
+    (two / "=1+1.h5").write_bytes((two / "at40.h5").read_bytes())
+    names, cells, _ = csv.reader(io.StringIO(command("compare", "=1+1.h5", "at80.h5", "--csv").out))
+    assert cells[names.index("name")] == "'=1+1"
+    assert not [cell for cell in cells if cell.startswith("=")]
+
+
 @pytest.mark.long
 def test_figures_and_measurements_are_drawn_and_fitted(two, command):
     (two / "afm.csv").write_text(TABLE, encoding="utf-8")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 
@@ -91,3 +93,16 @@ def test_jsonable_is_json(value, plain):
     assert wording.jsonable(value) == plain
     assert type(wording.jsonable(value)) is type(plain)
     json.dumps(wording.jsonable(value), allow_nan=False)
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1+1", "-1+1", "@SUM(1)", '\t=cmd|"/c calc"!A1', " =1", "\uff1d1"])
+def test_a_text_that_a_spreadsheet_would_compute_is_a_text_in_csv(text):
+    names, cells = csv.reader(io.StringIO(wording.csv_text(["name", text], [[text, -1.5]]), newline=""))
+    assert names == ["name", f"'{text}"]
+    assert cells == [f"'{text}", "-1.5"]
+    assert wording.csv_text([], [["a\r=1+1"]]).splitlines() == ["", "a =1+1"]
+
+
+@pytest.mark.parametrize("text", ["-1.5", "+3e-7", "-inf", "", "a=b", "silica-tip", "1 - 2"])
+def test_numbers_and_ordinary_texts_are_as_they_are_in_csv(text):
+    assert list(csv.reader(io.StringIO(wording.csv_text(["name"], [[text, 1]])))) == [["name"], [text, "1"]]
