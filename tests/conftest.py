@@ -212,6 +212,7 @@ class Site:
 @pytest.fixture
 def site(tmp_path, monkeypatch):
     """A folder on the import path in which distributions can be installed for one test."""
+    registry.current()  # is found before
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(str(folder))

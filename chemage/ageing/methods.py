@@ -408,11 +408,10 @@ def check_contact(
     if has_map:
         return
     if method.needs_map:
-        plugins = registry.current()
         enough = [
             repr(kind)
-            for kind in plugins.kinds("ageing")
-            if not plugins.component("ageing", kind).needs_map
+            for kind, cls in registry.current().usable("ageing")
+            if not cls.needs_map
         ]
         raise InputError(
             f"{contact} gives statistics and no map of the pressure, so that it has no sites; set the kind of [ageing] "

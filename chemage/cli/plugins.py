@@ -106,7 +106,7 @@ def plugins_show(
         typer.Argument(
             metavar="NAME",
             autocompletion=completion.kinds,
-            help="a kind, such as fft-bem, or the name of a plugin",
+            help="a kind, such as fft-bem, or the name of a plugin or of its section",
         ),
     ],
     role: Annotated[
@@ -138,7 +138,7 @@ def plugins_show(
             for one in plugins.records
             if one.name == kind and role is None and not one.error
         ),
-        None,
+        plugins.owners.get(kind) if role is None else None,
     )
     if not roles and plugin is None:
         known = sorted(

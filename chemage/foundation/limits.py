@@ -6,6 +6,7 @@ The same in whole sentences is docs/limits.md. A plugin that brings such an opti
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 PAGE = "docs/limits.md"
 #: how words begin that ask for something -> what is said
@@ -48,10 +49,21 @@ ABSENT = {
 }
 
 
+def brought(asks: Callable[[str], bool]) -> str:
+    """What a plugin brings by a name that ``asks`` for it, in words; "" where there is none. The registry sets it."""
+    return ""
+
+
 def not_modelled(word: str) -> str:
-    """What to say of a word that asks for something that chemage does not model, or ""."""
-    asked = re.sub(r"[^a-z]+", "_", word.lower().rpartition(".")[2])
+    """What to say of a word that asks for something that chemage does not model, or ""; where a plugin does, that."""
     for starts, answer in ABSENT.items():
-        if any(asked.startswith(start) or f"_{start}" in asked for start in starts):
-            return f"{answer}; see {PAGE}"
+
+        def asks(word: str, starts: tuple[str, ...] = starts) -> bool:
+            asked = re.sub(r"[^a-z]+", "_", word.lower().rpartition(".")[2])
+            return any(
+                asked.startswith(start) or f"_{start}" in asked for start in starts
+            )
+
+        if asks(word):
+            return brought(asks) or f"{answer}; see {PAGE}"
     return ""

@@ -378,21 +378,28 @@ def check_signatures(cls: type, role: type, where: str) -> None:
     components that name them.
     """
     for base in role.__mro__:
-        if base.__module__.startswith(
-            "chemage.foundation"
-        ) or not base.__module__.startswith("chemage."):
+        if not base.__module__.startswith("chemage."):
             continue
         for name, expected in vars(base).items():
             method = inspect.getattr_static(cls, name, expected)
-            if (
-                name.startswith("__")
-                or method is expected
-                or not inspect.isfunction(expected)
+            if name.startswith("__") or method is expected:
+                continue
+            of_class = isinstance(expected, classmethod)
+            if of_class and inspect.isfunction(method):
+                raise PluginError(
+                    f"{where}: {name} is called on the class; write @classmethod above it"
+                )
+            # what is called on objects may be of the class, too
+            if not (
+                isinstance(method, classmethod)
+                if of_class
+                else inspect.isfunction(expected) and inspect.isfunction(method)
             ):
                 continue
-            if not inspect.isfunction(method):
-                continue
-            parameters = list(inspect.signature(expected).parameters.values())
+            parameters = inspect.signature(
+                expected.__func__ if of_class else expected
+            ).parameters.values()
+            method = method.__func__ if of_class else method
             needed = [
                 parameter
                 for parameter in parameters

@@ -21,13 +21,13 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from chemage.foundation import names, ownership
+from chemage.foundation import limits, names, ownership
 from chemage.foundation.aliases import Fields
 from chemage.foundation.errors import (
     InputError,
@@ -655,6 +655,14 @@ class Registry:
             self._classes[place] = self._import(role, kind, record)
         return self._classes[place]
 
+    def usable(self, role: str) -> Iterator[tuple[str, Any]]:
+        """Each kind of a role with its class; of one that cannot be used a warning says why."""
+        for kind in self.kinds(role):
+            try:
+                yield kind, self.component(role, kind)
+            except PluginError as error:
+                warnings.warn(f"left out: {error}", PluginWarning, stacklevel=3)
+
     def role(self, name: str) -> Any:
         """The abstract class of a role; InputError if there is none."""
         if name not in self.roles:
@@ -686,6 +694,30 @@ class Registry:
                 f"{role}: kind is required; installed: {', '.join(self.kinds(role)) or 'none'}"
             )
         return self.make(role, options.pop("kind"), options)
+
+    def brought(self) -> Iterator[tuple[str, str]]:
+        """The names of what is not chemage's own, sections and options included, each with what it is and of which
+        plugin."""
+        for section, record in self.owners.items():
+            yield (
+                section,
+                f"[{section}] of plugin {record.name!r} ({record.source})",
+            )
+        for record in self.records:
+            if record.owner == OWN or record.error:
+                continue
+            by = f"plugin {record.name!r} ({record.source})"
+            for name in (record.name, record.distribution, record.module):
+                yield name, by
+            for role, kinds in record.kinds.items():
+                for kind in kinds:
+                    what = f"{role} {kind!r} of {by}"
+                    yield from ((name, what) for name in (role, kind))
+                    with suppress(PluginError):
+                        for option in self._import(role, kind, record).model_fields:
+                            yield option, f"the option {option!r} of {what}"
+            for offered in record.offered.values():
+                yield from ((name, f"{name!r} of {by}") for name in offered)
 
     def scenes(self) -> dict[str, str]:
         """Installed scenes: name -> ``"package:file"``."""
@@ -892,6 +924,17 @@ def _spelling(cls: Any, everywhere: bool) -> str:
 
 
 names.spelling = _spelling
+
+
+def _brought(asks: Callable[[str], bool]) -> str:
+    with _discovery:
+        if _finding:
+            return ""
+    what = next((what for name, what in current().brought() if asks(name)), "")
+    return what and f"see {what}"
+
+
+limits.brought = _brought
 
 
 def register(cls: T) -> T:

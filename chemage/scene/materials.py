@@ -306,9 +306,7 @@ def _contact_problems(path: str, name: str, value: Any) -> list[str]:
     if name in ("kind", "load"):
         return [f"{path}: is no property of a material"]
     having = [
-        cls
-        for kind in plugins.kinds("contact")
-        if name in (cls := plugins.component("contact", kind)).model_fields
+        cls for _, cls in plugins.usable("contact") if name in cls.model_fields
     ]
     if not having:
         return [f"{path}: no installed contact has this option"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from os import PathLike
@@ -13,8 +15,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError, PluginError, StoreError
+from chemage.foundation.errors import InputError, StoreError
 from chemage.foundation.files import FileStamp, file_stamp, open_file, regular_file
+from chemage.foundation.ownership import in_words
 from chemage.foundation.units import carried
 from chemage.plugins import context, registry
 from chemage.plugins.context import note
@@ -127,8 +130,7 @@ def reader_for(path: str | PathLike[str]) -> Reader:
     Readers that recognise the content come first; then those of the ending that cannot tell; then general readers,
     which read many formats; then those of the ending, whose errors say what is wrong with the file. Of several, that of
     a preferred plugin (``[plugins] prefer``) is taken, else chemage's own, so that no result changes when a plugin is
-    installed, else that of the ending. A reader that cannot be imported is left out: ``chemage plugins check`` reports
-    it.
+    installed, else that of the ending. A reader that cannot be used, or asked, is left out with a warning.
 
     Raises
     ------
@@ -192,11 +194,13 @@ def _able(
             for kind, record in of_ending.items()
             if kind not in general
         } or of_ending
-    said = {
-        kind: plugins.component("reader", kind).claims(head, path)
-        for kind in everyone
-        if kind not in general
-    }
+
+    def claims(kind: str) -> bool | None:
+        with _left_out(f"{path}: reader {kind!r} ({everyone[kind].source})"):
+            return plugins.component("reader", kind).claims(head, path)
+        return False
+
+    said = {kind: claims(kind) for kind in everyone if kind not in general}
     open_ = {
         kind: record
         for kind, record in of_ending.items()
@@ -212,9 +216,7 @@ def _able(
     if open_:
         return open_
     for kind in general & everyone.keys():
-        said[kind] = kind in of_ending or (
-            head and plugins.component("reader", kind).claims(head, path)
-        )
+        said[kind] = kind in of_ending or (head and claims(kind))
     by_general = {kind: everyone[kind] for kind in general if said.get(kind)}
     return by_general or of_ending
 
@@ -231,16 +233,25 @@ def _readers() -> tuple[dict[str, dict[str, PluginRecord]], set[str]]:
     plugins = registry.current()
     readers: dict[str, dict[str, PluginRecord]] = {}
     general: set[str] = set()
-    for kind in plugins.kinds("reader"):
-        try:
-            cls = plugins.component("reader", kind)
-        except PluginError:
-            continue
-        if cls.general:
-            general.add(kind)
-        for ending in cls.suffixes:
-            readers.setdefault(ending, {})[kind] = plugins.offer("reader", kind)
+    for kind, cls in plugins.usable("reader"):
+        record = plugins.offer("reader", kind)
+        with _left_out(f"reader {kind!r} ({record.source})"):
+            endings = [*map(str.lower, cls.suffixes)]
+            if cls.general:
+                general.add(kind)
+            for ending in endings:
+                readers.setdefault(ending, {})[kind] = record
     return readers, general
+
+
+@contextmanager
+def _left_out(what: str) -> Iterator[None]:
+    """Warn of what a reader raises, so that others read."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        text = f"{what} is left out: {in_words(error)}"
+        warnings.warn(text, registry.PluginWarning, stacklevel=3)
 
 
 def _first(kinds: dict[str, PluginRecord]) -> tuple[dict[str, PluginRecord], str]:

@@ -156,8 +156,7 @@ def _grids(scene: Scene) -> Iterator[TradeSetting]:
 def _kinds(scene: Scene, role: str, notes: list[str]) -> Iterator[TradeSetting]:
     """Other components of a role; methods of ageing at each value of their options."""
     plugins, own = registry.current(), scene.component(role)
-    for kind in plugins.kinds(role):
-        cls = plugins.component(role, kind)
+    for kind, cls in plugins.usable(role):
         if type(own) is cls:
             continue
         tried: list[dict[str, Any]] = [{}]

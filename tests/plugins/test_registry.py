@@ -8,11 +8,13 @@ import threading
 from textwrap import dedent
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 import chemage as ca
 from chemage import InputError
 from chemage.plugin import PluginError, UnknownKindError, registry
+from chemage.scene.materials import material_problems
 
 FINE = """
     import chemage
@@ -249,6 +251,105 @@ def test_a_method_that_chemage_cannot_call_is_found(site, case):
     with pytest.raises(PluginError) as caught:
         found.make("barriers", "level", {})
     assert str(caught.value) == said
+
+
+READERS = """
+    from chemage.plugin import Reader
+
+    class Odd(Reader):
+        "Reads nothing."
+        kind = "odd"
+        suffixes = (".odd",)
+        %s
+
+        def read(self, path):
+            return None
+"""
+ODD = {
+    "claims on an object": (
+        "def claims(self, head, path): return None",
+        "reader 'odd' of plugin 'odd' (odd 1.0): claims is called on the class; write @classmethod above it",
+    ),
+    "claims too little": (
+        "claims = classmethod(lambda cls, head: None)",
+        "cannot be called as claims(head, path)",
+    ),
+    "claims and fails": (
+        "claims = classmethod(lambda cls, head, path: 1 / 0)",
+        "reader 'odd' (odd 1.0) is left out: ZeroDivisionError",
+    ),
+    "marks that are no bytes": ("marks = ('ODD',)", "reader 'odd' (odd 1.0) is left out: TypeError"),
+    "endings that are no texts": ("suffixes = 3", "reader 'odd' (odd 1.0) is left out: TypeError"),
+}
+
+
+@pytest.mark.parametrize("case", ODD)
+def test_a_reader_that_cannot_be_asked_keeps_no_other_from_reading(site, tmp_path, case):
+    line, problem = ODD[case]
+    source = offering("{'reader': {'odd': 'odds:Odd'}}")
+    site.install("odd", {"odd.py": source, "odds.py": READERS % line}, {"odd": "odd"})
+    file = tmp_path / "heights.npy"
+    np.save(file, np.eye(4))
+    with registry.using(registry.Registry()) as found:
+        with pytest.warns(registry.PluginWarning) as caught:
+            reader = ca.plugin.reader_for(file)
+        assert reader.kind == "npy"
+        assert problem in str(caught[0].message)
+        refused = [said for said in found.check() if "'odd'" in said]
+        assert bool(refused) == case.startswith(("claims on", "claims too"))
+        assert all(problem in said for said in refused)
+
+
+def test_a_contact_that_cannot_be_used_keeps_no_material_from_being_checked(site, tmp_path):
+    site.install("odd", {"odd.py": offering("{'contact': {'odd': 'odds:Odd'}}"), "odds.py": "1 / 0"}, {"odd": "odd"})
+    with registry.using(registry.Registry()), pytest.warns(registry.PluginWarning, match="left out: contact 'odd'"):
+        assert material_problems() == []
+
+
+#: how a plugin brings wear -> what is said of it
+WEAR = {
+    "the name of the distribution": (("chemage-wear", "tribo", ""), "see plugin 'tribo' (chemage-wear 1.0)"),
+    "a kind": (("grit", "grit", ""), "see barriers 'wear-level' of plugin 'grit' (grit 1.0)"),
+    "an option": (("grit", "grit", "wear_rate: float = 1.0"), "see the option 'wear_rate' of barriers"),
+}
+
+
+@pytest.mark.parametrize("case", WEAR)
+def test_nothing_that_a_plugin_models_is_said_not_to_be_modelled(site, case):
+    (distribution, name, line), said = WEAR[case]
+    kind = "wear-level" if case == "a kind" else "level"
+    levels = LEVELS.replace('kind = "level"', f'kind = "{kind}"\n        {line}')
+    files = {"grit.py": FINE.replace('"level"', f'"{kind}"'), "levels.py": levels}
+    with registry.using(registry.Registry()), pytest.raises(InputError, match="wear is not modelled"):
+        ca.contact("hertz", modulus=35.3, wear=0.1)
+    site.install(distribution, files, {name: "grit"})
+    with registry.using(registry.Registry()):
+        with pytest.raises(InputError) as caught:
+            ca.contact("hertz", modulus=35.3, wear=0.1)
+        assert said in str(caught.value)
+        assert "not modelled" not in str(caught.value)
+        with pytest.raises(InputError, match="viscoelasticity is not modelled"):
+            ca.contact("viscoelastic")
+
+
+def test_a_section_of_a_plugin_is_explained_by_its_name(site, command):
+    source = """
+        import chemage
+
+        class Wear(chemage.plugin.Component):
+            "What a slip takes away."
+            role = "wear"
+
+        ROLES = {"wear": "grit:Wear"}
+        STAGES = (chemage.plugin.Stage("wear", role="wear"),)
+    """
+    site.install("grit", {"grit.py": source}, {"grit": "grit"})
+    with registry.using(registry.Registry()):
+        told = command("plugins", "show", "wear")
+        assert told.status == 0, told.err
+        assert "plugin grit" in told.out
+        with pytest.raises(InputError, match=r"see \[wear\] of plugin 'grit' .grit 1.0."):
+            ca.contact("hertz", modulus=35.3, wears=0.1)
 
 
 def test_a_module_that_is_slow_to_import_is_reported(fine):
