@@ -41,6 +41,13 @@ def live(
             help="write one HTML file with results on a grid, which needs no server",
         ),
     ] = None,
+    full: Annotated[
+        bool,
+        typer.Option(
+            "--full",
+            help="in the file, with all pixels and replicas; default: with less, as while a slider moves",
+        ),
+    ] = False,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="of the page; 0: any that is free")
     ] = 0,
@@ -67,7 +74,7 @@ def live(
         in_file=out is not None,
     )
     if out is not None:
-        write_file(out, page.html(), force=force)
+        write_file(out, page.html(full), force=force)
         output.say(f"page     {out}")
         return
     page.serve(port)

@@ -93,7 +93,7 @@ class LiveScene:
             rounded = blocks.round(text.decimals(blocks.max() / 256))
             seen = np.where(blocks > 0, rounded, np.nan).T
             width, height = np.multiply(contact.shape, contact.pixel_size)
-            sources[f"{self.own.name}: contact pressure (GPa)"] = {
+            sources[f"{self.own.name}/contact pressure (GPa)"] = {
                 "image": [seen],
                 "width": [width],
                 "height": [height],

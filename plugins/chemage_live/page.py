@@ -6,24 +6,29 @@ import asyncio
 import itertools
 import json
 import math
+import re
 import secrets
+import shlex
 import socket
 import tempfile
 import threading
-from base64 import b64decode
+import time
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import tomli_w
 from matplotlib.colors import to_hex
+from pydantic import Base64Bytes, BaseModel, TypeAdapter, ValidationError
 
 from chemage import ChemageError, InputError, errors, read_measurements
 from chemage.plugin import (
     drawing,
     figures,
+    options,
+    output,
     override,
     progress,
     scene_data,
@@ -39,7 +44,23 @@ MOST_STATES, MOST_BYTES = 400, 5_000_000
 #: on a server, and in a file: values of a slider, and pixels along a side of a map
 ON_SERVER, IN_FILE = (41, 128), (5, 24)
 HOST = "127.0.0.1"
+#: of the source of measured points; no scene has a name with a slash
+MEASURED = "measured/points"
 _WIDE = "stretch_width"
+
+
+class _Places(BaseModel, extra="forbid", strict=True):
+    """What a browser sends of its sliders."""
+
+    places: list[int]
+    step: Literal["moving", "resting", "pictures"]
+
+
+class _Table(BaseModel, extra="forbid", strict=True):
+    """What it sends of a file; the content is in base 64."""
+
+    name: str
+    content: Base64Bytes
 
 
 class Page:
@@ -94,6 +115,7 @@ class Page:
                 other["name"] += " beside"
             self.scenes.append(LiveScene(other))
         self.equal_pressure = equal_pressure
+        self.lessened = "For a quick answer" if in_file else "While you move"
         #: where it is served
         self.url = ""
         # so that what is wrong with the scenes' own values is said here and not in a browser
@@ -113,11 +135,14 @@ class Page:
 
     def command(self, moved: Mapping[str, Any]) -> str:
         """The command that repeats what is shown."""
-        command = f"chemage run {self.where}"
+        command = ["chemage", "run", self.where]
         for path, value in {**self.changes, **moved}.items():
-            said = value if isinstance(value, str) else json.dumps(value)
-            command += f" --set '{path}={said}'"
-        return command
+            plain = (
+                isinstance(value, str)
+                and options.changed_fields([f"x={value}"])["x"] == value
+            )
+            command += ["--set", f"{path}={value if plain else json.dumps(value)}"]
+        return shlex.join(command)
 
     def state(self, places: Sequence[int], quick: bool = False) -> dict[str, Any]:
         """What is shown at these places: texts and columns, by the names of what shows them. Of an error of a scene there
@@ -131,7 +156,7 @@ class Page:
         except ChemageError as error:
             return {"words": escape(str(error))}
         state: dict[str, Any] = {
-            "words": less and f"While you move: {less}.",
+            "words": less and f"{self.lessened}: {less}.",
             "table": table([scene.last for scene in self.scenes]),
             "command": escape(self.command(moved)),
             "toml": escape(tomli_w.dumps(override(self.scenes[0].data, moved))),
@@ -143,7 +168,20 @@ class Page:
 
     def answer(self, places: Sequence[int], step: str) -> dict[str, Any]:
         """What a browser asks for at a ``step``: the state with less while sliders are ``"moving"``, all of it where they
-        are ``"resting"``, and with ``"pictures"``, as they are printed."""
+        are ``"resting"``, and with ``"pictures"``, as they are printed.
+
+        Raises
+        ------
+        InputError
+            There is no such place.
+        """
+        lengths = [len(slider.values) for slider in self.sliders]
+        if len(places) != len(lengths) or not all(
+            0 <= place < length
+            for place, length in zip(places, lengths, strict=True)
+        ):
+            problem = f"the sliders have {lengths} values"
+            raise InputError.of("places", places, problem)
         state = self.state(places, quick=step == "moving")
         if step == "pictures":
             drawn = drawing.figures(self.scenes[0].last).items()
@@ -151,12 +189,13 @@ class Page:
             state["pictures"] = "".join(pictures)
         return state
 
-    def measured(self, name: str, content: str) -> dict[str, Any]:
-        """The columns of the points in a table, whose ``content`` is in base 64, or what is wrong with it in words."""
+    def measured(self, name: str, content: bytes) -> dict[str, Any]:
+        """The columns of the points in a table with this ``content``, or what is wrong with it in words."""
         try:
             with tempfile.TemporaryDirectory() as folder:
-                file = Path(folder) / f"measured{Path(name).suffix}"
-                write_file(file, b64decode(content))
+                ending = re.sub(r"[^\w.]", "", Path(name).suffix)[:9]
+                file = Path(folder) / f"measured{ending}"
+                write_file(file, content)
                 read = read_measurements(file)
             quantity: Any = self.scenes[0].curve.name
             # at the load of the measurement: that of the slider moves
@@ -169,7 +208,7 @@ class Page:
         error = 0.0 if found.error is None else found.error
         half = statistics.NORMAL_LIMIT * error
         points = with_ends(found.hold_times, found.values, half)
-        return {"words": "", "columns": {"measured points": points}}
+        return {"words": "", "columns": {MEASURED: points}}
 
     def serve(self, port: int = 0) -> Self:
         """Serve it from now on, to this machine alone, at the secret address ``url``.
@@ -189,9 +228,18 @@ class Page:
                 self.write(page._html())
 
             def post(self) -> None:
-                asked = json.loads(self.request.body)
-                answer = page.measured if "content" in asked else page.answer
-                self.write(text.jsonable(answer(**asked)))
+                try:
+                    asked = TypeAdapter(_Places | _Table).validate_json(
+                        self.request.body
+                    )
+                    answer = (
+                        page.answer if isinstance(asked, _Places) else page.measured
+                    )
+                    said = answer(**dict(asked))
+                except (ValidationError, InputError) as error:
+                    self.set_status(400)
+                    said = {"words": escape(str(error))}
+                self.write(text.jsonable(said))
 
         try:
             listening = socket.create_server((HOST, port))
@@ -219,8 +267,9 @@ class Page:
         url = self.url or self.serve().url
         return f'<iframe src="{url}" style="width: 100%; height: 900px; border: 0"></iframe>'
 
-    def html(self) -> str:
-        """One HTML text with the results at all places, which needs no server.
+    def html(self, full: bool = False) -> str:
+        """One HTML text with the results at all places, which needs no server; in ``full``, or else with less, as while
+        sliders move. What it costs is said first.
 
         Raises
         ------
@@ -232,10 +281,17 @@ class Page:
         remedy = "choose fewer sliders with --slide"
         if count > MOST_STATES:
             raise InputError.of("slide", count, "results are too many", remedy)
+        ends = [0] * len(lengths), [length - 1 for length in lengths]
+        begin = time.perf_counter()
+        for places in ends:
+            self.state(places, quick=not full)
+        seconds = 0.5 * count * (time.perf_counter() - begin)
+        less = "" if full else "; --full: with all pixels and replicas"
+        output.remark(f"{count} results: about {math.ceil(seconds)} s{less}")
         states = []
         with progress.progress_bars({"computing": "results"}) as report:
             for places in itertools.product(*map(range, lengths)):
-                states.append(self.state(places))
+                states.append(self.state(places, quick=not full))
                 report("computing", len(states), count)
         page = self._html(states)
         if len(page) > MOST_BYTES:
@@ -264,13 +320,13 @@ class Page:
             for name, columns in scene.sources(self.map_pixels).items():
                 source = ColumnDataSource(columns, name=name)
                 if "image" in columns:
-                    plots.append(_map(source, name))
+                    plots.append(_map(source, name.replace("/", ": ")))
                     continue
                 of = {"source": source, "color": colour, "legend_label": name}
                 plot.varea("x", "low", "high", alpha=0.2, **of)
                 plot.line("x", "y", width=2, **of)
         nothing: Any = dict.fromkeys(("x", "y", "low", "high"), ())
-        points = ColumnDataSource(nothing, name="measured points")
+        points = ColumnDataSource(nothing, name=MEASURED)
         plot.segment("x", "low", "x", "high", source=points, color="black")
         plot.scatter("x", "y", source=points, color="black", size=5)
         plot.legend.location = "top_left"

@@ -3,6 +3,8 @@
 import base64
 import html
 import json
+import re
+import shlex
 import socket
 import sys
 import tomllib
@@ -10,9 +12,10 @@ import urllib.error
 import urllib.request
 
 import pytest
+import tomli_w
 
 import chemage as ca
-from chemage.plugin import override, scene_data, statistics
+from chemage.plugin import options, override, scene_data, statistics
 from chemage_live.model import LiveScene, table
 from chemage_live.page import Page
 from chemage_live.sliders import sliders_of
@@ -151,7 +154,7 @@ def test_a_file_moves_in_a_browser_by_keyboard_alone_without_a_server(page, brow
     browser.wait(has("table", expected))
     command = browser.evaluate("document.getElementById('command').textContent")
     assert command.endswith("--set 'contact.load=80 nN'")
-    assert "--set 'hold.replicas=5'" in command
+    assert "--set hold.replicas=5" in command
     saved = tomllib.loads(browser.evaluate("document.getElementById('toml').textContent"))
     assert ca.parse_scene(saved) == ca.parse_scene(
         override(scene_data("silica-tip")[0], FEW | {"contact.load": "80 nN"})
@@ -188,8 +191,8 @@ def test_measured_points_are_dropped_into_the_page(served, browser, tmp_path):
     browser.wait("Bokeh.documents[0]?.is_idle")
     node = browser.call("Runtime.evaluate", expression="document.getElementById('file')")["result"]["objectId"]
     browser.call("DOM.setFileInputFiles", files=[str(file)], objectId=node)
-    browser.wait("Bokeh.documents[0].get_model_by_name('measured points').data.x.length == 2")
-    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured points').data.y") == pytest.approx(
+    browser.wait("Bokeh.documents[0].get_model_by_name('measured/points').data.x.length == 2")
+    assert browser.evaluate("Bokeh.documents[0].get_model_by_name('measured/points').data.y") == pytest.approx(
         [0.1, 0.2]
     )
 
@@ -222,10 +225,10 @@ LOADED = "hold_time (s),friction_drop (nN),error,load (nN)\n1,2,0.1,20\n10,4,0.1
 
 def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(page):
     def dropped(text):
-        return page.measured("a<b.csv", base64.b64encode(text.encode()).decode())
+        return page.measured("a<b.csv", text.encode())
 
     found = dropped(LOADED)
-    points = found["columns"]["measured points"]
+    points = found["columns"]["measured/points"]
     # at the load of the measurement, wherever the slider is
     assert list(points["y"]) == pytest.approx([2 / 20, 4 / 20])
     assert points["high"][0] == pytest.approx((2 + statistics.NORMAL_LIMIT * 0.1) / 20)
@@ -233,6 +236,17 @@ def test_measured_points_are_drawn_as_what_is_shown_or_what_is_wrong_is_said(pag
     without = dropped("hold_time (s),friction_drop (nN),error\n1,2,0.1\n10,4,0.1\n")
     assert "give the load of the measurement" in without["words"]
     assert html.escape("a<b.csv") in dropped("nothing\n")["words"]
+
+
+def test_a_file_has_less_unless_all_is_asked_for(tmp_path, command):
+    for words, least in (((), False), (("--full",), True)):
+        file = tmp_path / "page.html"
+        told = command("live", "silica-tip", "--set", "hold.stop=1 s", "--slide", SLIDE, "-o", file, "--force", *words)
+        assert told.status == 0, told.err
+        states = json.loads(re.search(r'id="states">(.*?)</script>', file.read_text(), re.DOTALL)[1])
+        said = [state["words"] for state in states]
+        assert ("of 200 replicas" in " ".join(said)) != least
+        assert ("--full" in told.out) != least
 
 
 def test_a_missing_extra_is_named_with_the_command_that_installs_it(monkeypatch):
@@ -256,6 +270,9 @@ def test_the_command_writes_a_page(tmp_path, command):
     told = command("live", "silica-tip", "--set", "hold.replicas=2", "--slide", SLIDE, "-o", file)
     assert told.status == 0, told.err
     assert "hold.replicas=2" in file.read_text()
+    cost = re.search(r"^(\d+) results: about \d+ s; --full: with all pixels and replicas$", told.out, re.MULTILINE)
+    assert cost
+    assert told.out.index(cost[0]) < told.out.index("page ")
     again = command("live", "silica-tip", "-o", file)
     assert again.status != 0
     assert "--force" in again.err
@@ -264,9 +281,69 @@ def test_the_command_writes_a_page(tmp_path, command):
 def test_the_command_says_values_as_toml_and_names_the_saved_file_of_a_sweep():
     data = scene_data("silica-tip")[0]
     page = Page("silica-tip", slide=[SLIDE], changes={"contact.gap": True, "hold.replicas": 5})
-    assert page.command({}) == "chemage run silica-tip --set 'contact.gap=true' --set 'hold.replicas=5'"
+    assert page.command({}) == "chemage run silica-tip --set contact.gap=true --set hold.replicas=5"
     swept = Page({**data, "sweep": {"contact.load": ["10 nN", "20 nN"]}}, slide=[SLIDE])
     assert swept.command({}) == "chemage run live.toml"
+
+
+def test_the_command_is_one_line_that_a_shell_reads_and_gives_the_same_scene(tmp_path):
+    file = tmp_path / "my 'own' scene; $(x).toml"
+    file.write_text(tomli_w.dumps(scene_data("silica-tip")[0]))
+    changes = {"name": "true", "title": 'it\'s "mine"', "hold.replicas": 2, "hold.stop": "1 s"}
+    page = Page(file, slide=[SLIDE], changes=changes)
+    program, run, scene, *words = shlex.split(page.command({"contact.load": "20 nN"}))
+    assert (program, run, scene) == ("chemage", "run", str(file))
+    assert set(words[::2]) == {"--set"}
+    read = options.changed_fields(words[1::2])
+    assert read == {**changes, "contact.load": "20 nN"}
+
+
+@pytest.mark.parametrize("name", ["measured points", "silica-tip: contact pressure (GPa)"])
+def test_a_scene_may_have_the_name_of_anything_on_the_page(name):
+    page = Page("silica-tip", slide=[SLIDE], changes={**FEW, "name": name})
+    shown = [*page.state([0])["columns"], *page.measured("afm.csv", LOADED.encode())["columns"]]
+    assert len(shown) == len(set(shown)) == 3
+    names = re.findall(r'"name":"([^"]*)"', page._html())
+    assert [names.count(each) for each in shown] == [1, 1, 1]
+
+
+MALFORMED = [
+    b"",
+    b"{",
+    b"[]",
+    b"\xff",
+    b"{}",
+    b'{"places": [0]}',
+    b'{"places": [-1], "step": "moving"}',
+    b'{"places": [1000], "step": "moving"}',
+    b'{"places": [0, 0], "step": "moving"}',
+    b'{"places": [], "step": "moving"}',
+    b'{"places": [true], "step": "moving"}',
+    b'{"places": ["0"], "step": "moving"}',
+    b'{"places": [0.5], "step": "moving"}',
+    b'{"places": [0], "step": "sleeping"}',
+    b'{"places": [0], "step": "moving", "more": 1}',
+    b'{"name": "a.csv", "content": 3}',
+    b'{"name": "a.csv", "content": "a"}',
+    b'{"name": 1, "content": ""}',
+    b'{"content": ""}',
+]
+
+
+@pytest.mark.parametrize("body", MALFORMED)
+def test_a_malformed_request_is_refused_in_words(served, caplog, body):
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(urllib.request.Request(served.url, data=body))
+    assert refused.value.code == 400
+    assert json.loads(refused.value.read())["words"]
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_a_request_that_is_none_of_ours_leaves_the_server_at_work(served):
+    odd = {"name": "../a\0b.x\0/y", "content": base64.b64encode(b"1").decode()}
+    for body in (odd, {"places": [0], "step": "moving"}):
+        request = urllib.request.Request(served.url, data=json.dumps(body).encode())
+        assert urllib.request.urlopen(request).status == 200
 
 
 def test_a_scene_without_ageing_has_nothing_to_play_with():
