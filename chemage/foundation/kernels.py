@@ -20,8 +20,17 @@ from llvmlite import binding
 from numba.core import caching, config
 
 from chemage.foundation.container import is_intact, seal
+from chemage.foundation.errors import InputError
 from chemage.foundation.machine import kernel_folder
 from chemage.foundation.records import text_hash
+
+if config.DISABLE_JIT:
+    raise InputError.of(
+        "NUMBA_DISABLE_JIT",
+        os.environ.get("NUMBA_DISABLE_JIT", "1"),
+        "chemage works with compiled kernels alone",
+        "run: unset NUMBA_DISABLE_JIT",
+    )
 
 #: of each package, so many folders of kernels are left, and those used within so many seconds
 KEPT, RECENT = 16, 86400.0
@@ -38,9 +47,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     def compiled(function: Callable[..., Any]) -> Any:
         dispatcher: Any = numba.njit(**options)(function)
         sources = _sources_of(function)
-        if (
-            sources is not None and dispatcher is not function
-        ):  # numba may be told to compile nothing
+        if sources is not None:
             dispatcher._cache = _Cache(function, sources)
         return dispatcher
 

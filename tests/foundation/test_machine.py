@@ -319,3 +319,14 @@ def test_after_an_update_of_the_sources_the_new_physics_is_computed(tmp_path):
     for old, new in zip(before, after, strict=True):
         assert new > 2 * old
     assert counts() == after, "those that were kept last are used"
+
+
+def test_kernels_that_are_not_to_be_compiled_are_refused_by_the_name_of_the_variable():
+    command = [sys.executable, "-m", "chemage", "check", "silica-tip"]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+    assert done.returncode == 2
+    (said,) = [line for line in done.stderr.splitlines() if not line.startswith("loading")]
+    assert said == (
+        "chemage: NUMBA_DISABLE_JIT = '1': chemage works with compiled kernels alone; run: unset NUMBA_DISABLE_JIT"
+    )
