@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib import metadata
+from types import FunctionType
 from typing import Any
 
 import pluggy
@@ -389,17 +390,14 @@ def check_signatures(cls: type, role: type, where: str) -> None:
                 raise PluginError(
                     f"{where}: {name} is called on the class; write @classmethod above it"
                 )
-            # what is called on objects may be of the class, too
-            if not (
-                isinstance(method, classmethod)
-                if of_class
-                else inspect.isfunction(expected) and inspect.isfunction(method)
-            ):
+            wanted = classmethod if of_class else FunctionType
+            if not (isinstance(expected, wanted) and isinstance(method, wanted)):
                 continue
-            parameters = inspect.signature(
-                expected.__func__ if of_class else expected
-            ).parameters.values()
-            method = method.__func__ if of_class else method
+            functions: Any = [
+                getattr(each, "__func__", each) for each in (expected, method)
+            ]
+            expected, method = functions
+            parameters = inspect.signature(expected).parameters.values()
             needed = [
                 parameter
                 for parameter in parameters

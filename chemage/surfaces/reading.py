@@ -216,7 +216,7 @@ def _able(
     if open_:
         return open_
     for kind in general & everyone.keys():
-        said[kind] = kind in of_ending or (head and claims(kind))
+        said[kind] = kind in of_ending or (bool(head) and claims(kind))
     by_general = {kind: everyone[kind] for kind in general if said.get(kind)}
     return by_general or of_ending
 
