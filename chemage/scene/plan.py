@@ -27,6 +27,8 @@ from chemage.scene.scene import Scene
 
 #: resident memory of Python with the libraries that a run uses, and of what it writes, bytes
 LIBRARY_BYTES = 2.4e8
+#: the same while figures are drawn
+DRAWING_BYTES = 3.1e8
 #: runs that take longer than this say so first, s
 LONG = 3600.0
 #: a time below this is stated as less than a second, s
@@ -398,7 +400,8 @@ class Plan:
             stages = max(
                 self.contact_bytes, held + self.replica_bytes * self.at_once
             )
-            numbers["memory"] = LIBRARY_BYTES + stages + self.rupture_bytes
+            stages = max(LIBRARY_BYTES + stages, DRAWING_BYTES + held)
+            numbers["memory"] = stages + self.rupture_bytes
         if seconds is not None:
             numbers |= {"seconds": seconds, "machine_speed": 1 / self.slowness}
         if self.seconds_range is not None:

@@ -75,7 +75,7 @@ class AdhesiveSphere(SphereSolver, ABC):
     #: Tabor's parameters between which the law holds
     tabor: ClassVar[tuple[float, float]] = (0.0, math.inf)
     general = "adhesive-bem"
-    costs = 0.02, 5e-6, 120.0
+    costs = 0.02, 5e-6, 84.0
 
     work_of_adhesion: Adhesion = Field(examples=["50 mJ/m^2"])
     """work of adhesion w of the two surfaces, J/m² (the same number in nN/nm)"""
@@ -352,6 +352,7 @@ class Maugis(AdhesiveSphere):
     """
 
     kind = "maugis"
+    costs = 0.02, 5e-6, 70.0
     cite = ("D. Maugis, J. Colloid Interface Sci. 150, 243 (1992)",)
     bibtex = (_MAUGIS,)
 

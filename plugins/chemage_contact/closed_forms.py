@@ -63,7 +63,7 @@ class Hertz(SphereSolver):
     )
     bibtex = (_HERTZ, _JOHNSON)
     general = "fft-bem"
-    costs = 0.005, 3e-7, 46.0
+    costs = 0.005, 3e-7, 52.0
     later = ("gap", "hardness")
 
     hardness: Pressure | None = None
@@ -83,8 +83,11 @@ class Hertz(SphereSolver):
         found = super().expected(surface, load)
         maps = self.gap + (self.hardness is not None)
         if found and maps:
-            found["gap_bytes"] = 8.0 * maps * surface["nx"] * surface["ny"]
-            found["bytes"] += found["gap_bytes"]
+            pixels = surface["nx"] * surface["ny"]
+            found["gap_bytes"] = 8.0 * maps * pixels
+            # where it may flow, its distances from the apex as well
+            yields = self.hardness is not None
+            found["bytes"] += found["gap_bytes"] + 8.0 * yields * pixels
         if found and self.hardness is not None:
             found["max_pressure"] = self.hardness
         return found
@@ -250,7 +253,7 @@ class Hertz(SphereSolver):
             offsets = ((np.arange(points) + 0.5) / points - 0.5) * size
             for some in np.array_split(
                 np.flatnonzero(there),
-                max(1, np.count_nonzero(there) * points**2 >> 20),
+                max(1, np.count_nonzero(there) * points**2 >> 13),
             ):
                 fine = np.hypot(
                     (places[0][some, None] + offsets)[:, :, None],
@@ -314,11 +317,22 @@ def _corner_punch(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _pixels(corner: Any, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Integrals over each pixel from those over rectangles at the apex."""
+    """Integrals over each pixel from those over rectangles at the apex, which are taken around the unit circle alone."""
+    forces = np.zeros((x.size - 1, y.size - 1))
+    i, j = (
+        slice(
+            max(int(np.searchsorted(edges, -1.0)) - 1, 0),
+            int(np.searchsorted(edges, 1.0)) + 1,
+        )
+        for edges in (x, y)
+    )
+    x, y = x[i], y[j]
     signed = (np.sign(x)[:, None] * np.sign(y)) * corner(
         np.abs(x)[:, None], np.abs(y)[None, :]
     )
-    return np.diff(np.diff(signed, axis=0), axis=1)
+    pixels = np.diff(np.diff(signed, axis=0), axis=1)
+    forces[i.start :, j.start :][: x.size - 1, : y.size - 1] = pixels
+    return forces
 
 
 #: classes of pressure, and standard deviations beyond the mean pressure up to which they reach

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 
 import faults
 import pytest
@@ -146,3 +147,32 @@ def test_what_is_not_known_of_a_rough_tip_is_said():
     scene = chemage.parse_scene(scene_data("silica-patch")[0] | {"surface": {"kind": "tip", "body": body}})
     rows = dict(plan(scene).rows())
     assert rows["expected area fraction"] == "not known before the contact is solved"
+
+
+SPHERES = {
+    "hertz": ("hertz", {}),
+    "with the gap": ("hertz", {"gap": True}),
+    "with a hardness": ("hertz", {"hardness": "4 GPa"}),
+    "with both": ("hertz", {"hardness": "4 GPa", "gap": True}),
+    "jkr": ("jkr", {"work_of_adhesion": "50 mJ/m^2"}),
+    "dmt": ("dmt", {"work_of_adhesion": "50 mJ/m^2"}),
+    "maugis": ("maugis", {"work_of_adhesion": "50 mJ/m^2", "range": "0.3 nm"}),
+}
+
+
+@pytest.mark.parametrize("load", ["50 nN", "2000 nN"])
+@pytest.mark.parametrize("case", SPHERES)
+def test_the_memory_of_a_sphere_is_what_its_solver_takes(case, load):
+    kind, options = SPHERES[case]
+    solver = chemage.contact(kind, modulus="35.3 GPa", **options)
+    surface, few = (chemage.surface("sphere", radius="30 nm", pixels=n, pixel_size=f"{29 / n} nm") for n in (1000, 32))
+    solver.solve(few.make(), load)  # what is imported is no memory of the solver
+    made = surface.make()
+    tracemalloc.start()
+    try:
+        solver.solve(made, load)
+        taken = made.heights.nbytes + tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    stated = solver.expected(surface.expected(), solver.normal_force(load, made))["bytes"]
+    assert 0.85 < stated / taken < 1.25
