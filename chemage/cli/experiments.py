@@ -272,7 +272,9 @@ def sweep(
             "name a scene with [sweep], or a folder with --collect FOLDER"
         )
     if not is_sweep(scene):
-        raise user_error(f"{scene} has no [sweep]; `chemage run {scene}` runs it")
+        raise user_error(
+            f"{scene} has no [sweep]; `{output.command_line('run', scene)}` runs it"
+        )
     values = changed_fields(changes, replicas, seed) | requested_fields(
         accuracy, None, surfaces
     )
@@ -428,6 +430,5 @@ def init(
     write_file(file, text, force=force)
     others = ", ".join(sorted(set(plugins.scenes()) - {like}))
     output.remark(f"another scene to begin with: --like SCENE ({others})")
-    output.say(
-        f"{file} is a copy of {like}; change it, then: chemage check {file} && chemage run {file}"
-    )
+    check, run = (output.command_line(word, file) for word in ("check", "run"))
+    output.say(f"{file} is a copy of {like}; change it, then: {check} && {run}")

@@ -278,6 +278,11 @@ def say(text: object = "", end: str = "\n", file: Any = None) -> None:
     print(printable(str(text)), end=end, file=file)
 
 
+def command_line(*words: object) -> str:
+    """A ``chemage`` command as it can be pasted into a shell."""
+    return shlex.join(["chemage", *map(str, words)])
+
+
 def say_json(value: Any) -> None:
     """Print a value as JSON, in which what is not finite is null."""
     from chemage.foundation.text import jsonable
@@ -512,7 +517,7 @@ def result_written(path: Path) -> Iterator[None]:
         yield
     except StoreError as error:
         raise StoreError(
-            f"{error}\nthe result itself is in {path}; `chemage plot {path}` draws its figures"
+            f"{error}\nthe result itself is in {path}; `{command_line('plot', path)}` draws its figures"
         ) from error
     except KeyboardInterrupt:
         raise KeyboardInterrupt(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -245,7 +246,7 @@ def plugins_new(
     for path in files:
         output.say(path)
     output.remark(
-        f"\nnext: pip install -e {files[0].parent} && chemage plugins show {name}"
+        f"\nnext: {shlex.join(['pip', 'install', '-e', str(files[0].parent)])} && chemage plugins show {name}"
     )
 
 

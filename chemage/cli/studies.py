@@ -276,13 +276,12 @@ def collect(folder: Path, *, as_json: bool) -> None:
         else "SCENE"
     )
     *parts, everything = survey.points
-    for part in parts[:_LISTED]:
-        say(
-            f"computes some of them: chemage sweep {scene} --out {folder} --points {part}"
+    told = [("some", part) for part in parts[:_LISTED]]
+    for share, points in (*told, ("all", everything)):
+        command = output.command_line(
+            "sweep", scene, "--out", folder, "--points", points
         )
-    say(
-        f"computes all of them: chemage sweep {scene} --out {folder} --points {everything}"
-    )
+        say(f"computes {share} of them: {command}")
     raise typer.Exit(1)
 
 
