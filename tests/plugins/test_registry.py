@@ -299,6 +299,7 @@ def test_a_reader_that_cannot_be_asked_keeps_no_other_from_reading(site, tmp_pat
         assert all(problem in said for said in refused)
 
 
+@pytest.mark.filterwarnings("default::chemage.plugins.registry.PluginWarning")
 def test_a_contact_that_cannot_be_used_keeps_no_material_from_being_checked(site, command):
     site.install("odd", {"odd.py": offering("{'contact': {'odd': 'odds:Odd'}}"), "odds.py": "1 / 0"}, {"odd": "odd"})
     with registry.using(registry.Registry()):
