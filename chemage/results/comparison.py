@@ -421,7 +421,7 @@ class Comparison:
                 for note in data.notes
             )
             rows = [each.row() for each in verdicts]
-            title = "Value = offset + slope × model"
+            title = "Data = offset + slope × model"
             tables.append(
                 Table(title, COLUMNS, rows, remarks=list(notes), in_detail=False)
             )

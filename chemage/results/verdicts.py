@@ -27,19 +27,21 @@ SAME = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """A measured curve beside a result: measured = offset + slope × model."""
+    """Measurements, or a result, beside a result that is the model: data = offset + slope × model."""
 
-    measured: str
+    #: name of what is judged
+    data: str
+    #: name of the result that is the model
     result: str
     #: in words
     verdict: str
     quantity: str = ""
-    #: (m,) s, measured, and of the model
+    #: (m,) s, of the data, and of the model
     hold_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))
     model: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    #: (m,) standard errors of the measurements and of the model; nan where they are not known
-    measured_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    #: (m,) standard errors of the data and of the model; nan where they are not known
+    data_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     model_errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     offset: tuple[float, float] = (math.nan, math.nan)
     slope: tuple[float, float] = (math.nan, math.nan)
@@ -51,13 +53,13 @@ class Verdict:
 
     @property
     def residuals(self) -> np.ndarray:
-        """(m,) measured minus model over both errors together."""
+        """(m,) data minus model over both errors together."""
         return (self.values - self.model) / np.hypot(
-            self.measured_errors, self.model_errors
+            self.data_errors, self.model_errors
         )
 
     def trend(self) -> str:
-        """How the measurements differ from the model, from offset and slope."""
+        """How the data differ from the model, from offset and slope."""
         (offset, offset_error), (slope, slope_error) = self.offset, self.slope
         scaled = abs(slope - 1) > 2 * slope_error
         shifted = abs(offset) > 2 * offset_error
@@ -76,11 +78,11 @@ class Verdict:
 
     def fitted(self) -> tuple[Verdict, float]:
         """The same with offset and slope of least squares, and χ² of what is left over its degrees of freedom."""
-        stated = bool(np.isfinite(self.measured_errors).all())
+        stated = bool(np.isfinite(self.data_errors).all())
         times = self.hold_times.size
         weight = np.ones(times)
         if stated:
-            weight = 1 / np.hypot(self.measured_errors, self.model_errors)
+            weight = 1 / np.hypot(self.data_errors, self.model_errors)
         design = np.stack([np.ones(times), self.model], axis=1) * weight[:, None]
         inverse = np.linalg.pinv(design.T @ design)
         offset, slope = inverse @ design.T @ (self.values * weight)
@@ -127,17 +129,14 @@ class Verdict:
             return f"{sure}: the same shape, but {trend}"
         worst = int(np.argmax(np.abs(self.residuals)))
         where = f"{self.residuals[worst]:+.1f} standard errors at {power_text(self.hold_times[worst])} s"
-        largest = (
-            "model"
-            if np.median(self.model_errors) > np.median(self.measured_errors)
-            else "measurements"
-        )
-        return f"{sure} in shape: up to {where}; the errors are mainly those of the {largest}"
+        larger = np.median(self.model_errors) > np.median(self.data_errors)
+        largest = self.result if larger else self.data
+        return f"{sure} in shape: up to {where}; the errors are mainly those of {largest}"
 
     def row(self) -> tuple[str, ...]:
         """Its line in a table."""
         if not self.values.size:
-            return self.measured, self.result, "", "", "", self.verdict
+            return self.data, self.result, "", "", "", self.verdict
         chi2 = (
             "errors unknown"
             if math.isnan(self.chi2)
@@ -146,7 +145,7 @@ class Verdict:
         unit = UNIT[self.quantity]
         offset = plus_minus(*self.offset, unit)
         return (
-            self.measured,
+            self.data,
             self.result,
             offset,
             plus_minus(*self.slope, ""),
@@ -158,13 +157,13 @@ class Verdict:
         """Both kinds of error at every hold time."""
         columns = (
             "hold time (s)",
-            "measured",
+            "data",
             "its error",
             "model",
             "its error",
             "residual (both errors)",
         )
-        arrays = (self.values, self.measured_errors, self.model, self.model_errors)
+        arrays = (self.values, self.data_errors, self.model, self.model_errors)
         rows = []
         for time, *row, off in zip(
             self.hold_times, *arrays, self.residuals, strict=True
@@ -174,7 +173,7 @@ class Verdict:
                 (f"{time:.4g}", *texts, NONE if np.isnan(off) else f"{off:+.1f}")
             )
         return Table(
-            f"Residuals of {self.measured} against {self.result}", columns, rows
+            f"Residuals of {self.data} against {self.result}", columns, rows
         )
 
     def todict(self) -> dict[str, Any]:
@@ -182,7 +181,7 @@ class Verdict:
         return jsonable({**vars(self), "residuals": self.residuals})
 
 
-COLUMNS = ("measured", "result", "offset", "slope", "χ²", "verdict")
+COLUMNS = ("data", "model", "offset", "slope", "χ²", "verdict")
 
 
 def verdict(
@@ -249,7 +248,9 @@ class Curved(Protocol):
 def between(one: Curved, other: Curved) -> Verdict:
     """Judge two results beside each other, ``other`` at its hold times: both have samples, of which
     :class:`CurveError` is that of the difference of their means."""
-    not_compared: Callable[[str], Verdict] = partial(Verdict, other.name, one.name)
+    not_compared: Callable[[str], Verdict] = partial(
+        Verdict, other.name, one.name, subject="its values"
+    )
     why = _elsewhere(
         other.ageing.load, other.ageing.chemistry.get("temperature"), one.ageing
     )

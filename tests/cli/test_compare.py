@@ -45,6 +45,12 @@ def test_a_table_names_every_file_and_says_whether_the_chemistry_is_the_same(two
     assert line.split() == ["load", "40", "nN", "80", "nN"]
 
 
+def test_no_simulation_is_called_measured(two, command):
+    assert "offset" in command("compare", "at40.h5", "at80.h5").out
+    for how in ((), ("--json",), ("--verbose",)):
+        assert "measured" not in command("compare", "at40.h5", "at80.h5", *how).out
+
+
 def test_the_fields_that_differ_are_listed_with_both_values(two, small, command):
     command("run", small, "--no-figures", "--out", "strong.h5", "--set", "interaction.strength=0.1", "--seed", 1)
     out = command("compare", "at40.h5", "strong.h5").out

@@ -36,7 +36,7 @@ def measured(change=lambda values: values, error=1.0, seed=0, **fields):
         (lambda v: v, 1.0, "agrees within the errors"),
         (lambda v: 1.5 * v, 1.0, r"differs: the same shape, but measured values are 1\.5"),
         (lambda v: v + 12, 1.0, r"differs: the same shape, but measured values lie 1\d.* nN above it"),
-        (lambda v: v + 10 * (TIMES > 100), 0.5, "differs in shape: up to .* the errors are mainly those of the measur"),
+        (lambda v: v + 10 * (TIMES > 100), 0.5, "differs in shape: up to .* the errors are mainly those of afm"),
         (lambda v: 2 * v, 80.0, "the errors are too large to tell"),
         (lambda v: 2 * v, None, r"measured values are .* times the model.*; the measurements state no errors"),
     ],
@@ -155,7 +155,7 @@ def test_two_runs_of_other_models_differ():
     rng = np.random.default_rng(8)
     found = beside(run_of(rng, 10), 1.3 * run_of(rng, 10))
     assert found.verdict.startswith("differs: the same shape, but its values are 1.")
-    assert (found.measured, found.result) == ("other", "one")
+    assert (found.data, found.result) == ("other", "one")
     assert "at 50 nN, the result is at 20 nN" in beside(run_of(rng, 5), run_of(rng, 5), load=20.0).verdict
     assert "a single replica has no error" in beside(run_of(rng, 5), run_of(rng, 1)).verdict
 
