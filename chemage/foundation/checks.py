@@ -32,6 +32,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from chemage.foundation.errors import (
+    NO_OPTION,
     InputError,
     UnitError,
     explain,
@@ -341,18 +342,22 @@ class Frozen(BaseModel):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            known = list(type(self).model_fields)
-            options = f"; the options are {', '.join(known) or 'none'}"
             for path, text in explain(error):
-                if text == "no such option":
-                    answer = type(self).elsewhere.get(path)
-                    hint = f" ({answer})" if answer else nearest(path, known)
-                    text += f"{hint}{options}"
+                if text == NO_OPTION:
+                    text = self.no_option(path)
                 if not problems.get(path, "").endswith(_UNIT):
                     problems[path] = text
         if problems:
             found = list(problems.items())
             raise InputError(f"{self._title()}: {in_lines(found)}", found)
+
+    @classmethod
+    def no_option(cls, name: str, beside: Iterable[str] = ()) -> str:
+        """That ``name`` is no option, the nearest one, and all; in a scene its section has those ``beside`` as well."""
+        known = [*cls.model_fields, *beside]
+        answer = cls.elsewhere.get(name)
+        hint = f" ({answer})" if answer else nearest(name, known)
+        return f"{NO_OPTION}{hint}; the options are {', '.join(known) or 'none'}"
 
     @classmethod
     def _title(cls) -> str:

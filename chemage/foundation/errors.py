@@ -206,6 +206,10 @@ def imported(target: str, where: str = "") -> Any:
         raise PluginError(f"{where}: {problem}" if where else problem) from error
 
 
+#: of a name that a model does not have
+NO_OPTION = "no such option"
+
+
 def explain(error: ValidationError) -> list[tuple[str, str]]:
     """Pydantic's error as ``(path, message)`` pairs in plain words."""
     problems = []
@@ -214,7 +218,7 @@ def explain(error: ValidationError) -> list[tuple[str, str]]:
         message = item["msg"].removeprefix("Value error, ")
         value = item.get("input")
         if item["type"] == "extra_forbidden":
-            message = "no such option"
+            message = NO_OPTION
         elif item["type"] == "missing":
             message = "is required"
         elif isinstance(value, int | float | str | bool):

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import deepcopy
 from itertools import takewhile
@@ -17,6 +17,7 @@ from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.checks import is_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import (
+    NO_OPTION,
     ChemageError,
     InputError,
     PluginError,
@@ -233,7 +234,7 @@ class _Parser:
     def _value(self, stage: Stage, options: Data) -> Any:
         """The component of a section, or what else its options mean; None where a part is missing, which is noted."""
         if stage.role:
-            return _component(stage.role, options)
+            return _component(stage.role, options, stage.beside)
         model = stage.model()
         if model is None:
             return stage.make(options)
@@ -275,13 +276,20 @@ class _Parser:
                 self.options[name] = options_for(name, table)
 
 
-def _component(role: str, options: Data) -> Component:
+def _component(role: str, options: Data, beside: Iterable[str] = ()) -> Component:
     plugins = registry.current()
     kind = options.pop("kind", None)
     if not isinstance(kind, str):
         installed = ", ".join(plugins.kinds(role)) or "none"
         raise InputError("", [("kind", f"is required; installed: {installed}")])
-    return plugins.make(role, kind, options)
+    try:
+        return plugins.make(role, kind, options)
+    except InputError as error:
+        for at, (name, text) in enumerate(error.problems):
+            if text.startswith(NO_OPTION) and "." not in name:
+                all_options = plugins.component(role, kind).no_option(name, beside)
+                error.problems[at] = name, all_options
+        raise
 
 
 #: a key of TOML with too many parts

@@ -22,6 +22,21 @@ def data(small):
     return scene_data(small)[0]
 
 
+# -- names -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("section", "slip", "meant"),
+    [("contact", "lod", "load"), ("surface", "sed", "seed"), ("contact", "modlus", "modulus")],
+)
+def test_a_slip_of_the_pen_is_answered_from_all_fields_of_its_section(data, section, slip, meant):
+    data[section][slip] = 1
+    with pytest.raises(SceneError) as error:
+        parse_scene(data)
+    assert f"{section}.{slip}: no such option (did you mean '{meant}'?)" in str(error.value)
+    assert meant in str(error.value).rpartition("the options are ")[2]
+
+
 # -- titles ----------------------------------------------------------------------------------------------------------
 
 
