@@ -502,7 +502,7 @@ def in_unit(
     if unit in (None, ""):
         if target:
             raise UnitError(
-                f"{where}: the column {name} has no unit; write it as {name} ({target})"
+                f"{where}: the column {name} has no unit; add that of its numbers in brackets, such as {name} ({target})"
             )
         return value
     try:

@@ -230,6 +230,14 @@ def read_table(
     )
 
 
+def _drop(unit: str | None) -> str:
+    """The heading of a column of drops in this ``unit``, which its numbers keep."""
+    if unit is None:
+        return "friction_drop (with the unit of its numbers) or friction_coefficient_drop"
+    of_force = unit not in ("", "%")
+    return f"friction_{'' if of_force else 'coefficient_'}drop ({unit or 1})"
+
+
 @dataclass(frozen=True)
 class _Reading:
     """How the values of a table become curves."""
@@ -263,13 +271,14 @@ class _Reading:
         if len(values) != 1:
             raise InputError(
                 f"{where}: {' and '.join(values) if values else 'neither friction_coefficient_drop (Δμ) nor friction_drop'}"
-                f"{' are both there' if values else ' (ΔF)'}; give one of friction_drop (nN), friction_coefficient_drop, "
+                f"{' are both there' if values else ' (ΔF)'}; give one of friction_drop (unit), friction_coefficient_drop, "
                 f"and value with a column quantity{left}"
             )
         (value,) = values
         if value == "value" and "quantity" not in columns:
             raise InputError(
-                f"{where}: column value without a column quantity; name it friction_drop (nN) instead"
+                f"{where}: column value without a column quantity; name it "
+                f"{_drop(columns[value][0].unit)} instead"
             )
         for name, there in (*given.items(), ("offset", offset)):
             if name in columns and there is not None:
@@ -279,7 +288,8 @@ class _Reading:
         text = columns[value][0].text
         whole = f"{value}_drop" in VALUES
         if whole and offset is None and "offset" not in columns:
-            unit = UNIT[f"{value}_drop"]
+            unit = columns[value][0].unit
+            unit = UNIT[f"{value}_drop"] and "unit" if unit is None else unit
             raise InputError(
                 f"{where}: column {columns[value][0].place + 1}, {shown(text)}, is the whole friction, of which ageing "
                 f"is a part; give what there is without ageing, in a column offset ({unit or 1}) or as offset (--offset), "

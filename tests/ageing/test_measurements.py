@@ -156,3 +156,26 @@ def test_friction_and_its_coefficient_convert_where_the_load_is_known():
     np.testing.assert_allclose(back.values, data.values)
     assert data.as_quantity("friction_coefficient_drop", None) is None
     assert data.as_quantity("friction_drop", None) is data
+
+
+@pytest.mark.parametrize(
+    ("header", "drop", "offset"),
+    [
+        ("value (uN)", "friction_drop (uN)", None),
+        ("value (%)", "friction_coefficient_drop (%)", None),
+        ("friction (uN)", "friction_drop (uN)", "offset (uN)"),
+        ("friction (mN)", "friction_drop (mN)", "offset (mN)"),
+        ("friction_coefficient (%)", "friction_coefficient_drop (%)", "offset (%)"),
+        ("mu", "friction_coefficient_drop (1)", "offset (1)"),
+    ],
+)
+def test_a_remedy_keeps_the_unit_of_the_column(tmp_path, header, drop, offset):
+    """Pasted, it changes no number."""
+    text = f"hold_time (s), {header}\n1, 2\n10, 3\n100, 4\n"
+    with pytest.raises(InputError) as error:
+        read_measurements(written(tmp_path, text))
+    assert drop in str(error.value)
+    assert offset is None or offset in str(error.value)
+    data = read_measurements(written(tmp_path, text.replace(header, drop)))
+    scale = {"(uN)": 1e3, "(mN)": 1e6, "(%)": 0.01, "(1)": 1.0}[drop[drop.index("(") :]]
+    assert data.values == pytest.approx(np.array([2.0, 3.0, 4.0]) * scale)
