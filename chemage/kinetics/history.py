@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from chemage.lattices.lattice import ReactionLattice
 
-#: counts of events stop here
+#: counts of events stop here, where the bonds are no longer those formed less broken
 MOST_EVENTS = 2**61
 #: What says in ``resume`` how many random numbers are used up, whatever engine used them: of a run as a whole, of its
 #: selections, of each site, and of the partners that each site has met; and the state of each site where there are more
@@ -187,7 +187,8 @@ class Followed(Observing, Record):
             before = int(start.bonds[-1] - start.formed[-1] + start.broken[-1])
         elif start is not None:
             before = int(np.count_nonzero(start))
-        if np.any(self.bonds != before + self.formed - self.broken):
+        counted = np.maximum(self.formed, self.broken) < MOST_EVENTS
+        if np.any((self.bonds != before + self.formed - self.broken)[counted]):
             return f"bonds {_few(self.bonds)} are not those formed {_few(self.formed)} less broken {_few(self.broken)}"
         return ""
 

@@ -72,9 +72,14 @@ def check_transitions(lattice: Any) -> None:
     names = "transitions", "transition_barriers", "transition_terms"
     arrays = [getattr(lattice, name) for name in names]
     states, (transitions, _, terms) = lattice.states, arrays
+    if states is None and any(array is not None for array in arrays):
+        raise ValueError("transitions: give the names of the states as well")
+    unbonded = {None, *range(len(states or TWO_STATES))} - {1}
+    if lattice.initial not in unbonded:
+        raise ValueError(
+            f"initial: {lattice.initial} is no state without a bond; give None, or one of {sorted(unbonded - {None})}"
+        )
     if states is None:
-        if any(array is not None for array in arrays):
-            raise ValueError("transitions: give the names of the states as well")
         return
     count = np.size(transitions) // 2
     shapes = [(count, 2), (lattice.sites.size, count), (count, 2)]
@@ -87,7 +92,7 @@ def check_transitions(lattice: Any) -> None:
         raise ValueError(
             f"states: {states}; name {' and '.join(TWO_STATES)} first, and none twice"
         )
-    numbers = {*transitions.ravel().tolist(), lattice.initial or 0}
+    numbers = {*transitions.ravel().tolist()}
     if not numbers <= {*range(len(states))} or (terms[:, 1] < 0).any():
         raise ValueError(
             f"transitions: states {numbers} and factors {terms[:, 1]}; give states from 0 to {len(states) - 1}, and "

@@ -380,12 +380,19 @@ def test_states_that_contradict_each_other_are_refused(change, words):
         ({"transition_barriers": np.zeros((5, 7))}, "shape"),
         ({"transition_terms": None}, "transition_terms: shape"),
         ({"transition_terms": [[0.0, -1.0]] * 7}, "not negative"),
-        ({"initial": 7}, "give states from 0 to 3"),
+        ({"initial": 7}, r"initial: 7 is no state without a bond; give None, or one of \[0, 2, 3\]"),
+        ({"initial": 1}, "initial: 1 is no state without a bond"),
     ],
 )
 def test_lattices_whose_transitions_contradict_their_states_are_refused(change, words):
     with pytest.raises(InputError, match=words):
         Model(4, 0).lattice(2).model_copy(update=change)
+
+
+@pytest.mark.parametrize("initial", [1, 2, -1])
+def test_a_lattice_of_two_states_begins_without_bonds(initial):
+    with pytest.raises(InputError, match=rf"initial: {initial} is no state .*; give None, or one of \[0\]"):
+        ca.ReactionLattice(pixels=(4, 4), sites=np.arange(16), forming=np.full(16, 0.5), initial=initial)
 
 
 def test_states_are_refused_where_they_would_be_ignored():

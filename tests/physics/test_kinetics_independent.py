@@ -111,6 +111,24 @@ def test_hot_sites_cost_no_more_than_a_few_draws_each():
     assert all(history.bonds[-1] == history.state.sum() for history in histories)
 
 
+def test_more_events_than_can_be_counted_leave_the_bonds_right():
+    """Barriers of 0.3 eV for 1e14 s: counts stop at 2**61, and half of the sites stay bonded."""
+    tip = chemage.surface("sphere", radius="30 nm", pixels=64, pixel_size="0.4518 nm").make()
+    contact = chemage.contact("hertz", modulus="35.3 GPa").solve(tip, load="50 nN")
+    barrier = chemage.barriers("gaussian", mean=0.3, std=0)
+    aging = chemage.age(
+        contact,
+        chemage.chemistry(forming=barrier, breaking=barrier),
+        engine=chemage.engine("independent"),
+        hold_times=np.array([1.0, 1e14, 2e14]),
+        temperature=300.0,
+        replicas=20,
+    )
+    assert aging.events.tolist() == [2**62] * 20
+    sites = int(aging.sites.sum())
+    assert np.all(np.abs(aging.bonds.sum(axis=0) - sites / 2) < 4.5 * math.sqrt(sites / 4))
+
+
 def test_a_lattice_that_interacts_is_refused_with_the_reason():
     lattice = ReactionLattice(
         pixels=(2, 1), sites=[0, 1], forming=[1.0, 1.0], neighbours=[[1], [0]], coupling=[[0.1], [0.1]]
