@@ -193,6 +193,16 @@ def test_a_solver_that_limits_the_pressure_is_not_above_the_hardness():
     assert ["above the hardness" in text for text in texts] == [True, False]
 
 
+@pytest.mark.parametrize("case", ["a tip that is repeated", "one period for the whole body"])
+def test_a_boundary_that_is_doubtful_is_computed_as_it_was_given(case):
+    base, changes, _ = DOUBTFUL[case]
+    small = {"surface.pixels": 64, **({"surface.zeta": 8, "contact.load": "0.2 uN"} if base == PATCH else {})}
+    done = run(ca.load_scene(base, {**changes, **small, "hold.replicas": 2}))
+    assert done.contact.periodic is (done.scene["contact"]["boundary"] == "periodic")
+    assert done.contact.periodic is not done.surface.periodic
+    assert done.aging.bonds[:, -1].min() > 0
+
+
 @pytest.mark.parametrize("case", HOPELESS)
 def test_what_is_hopeless_is_refused_by_check_and_run_alike(case):
     base, changes, said = HOPELESS[case]
