@@ -148,9 +148,11 @@ class AgingDisplay(OfRecord[Aging]):
 
     def notes(self) -> list[str]:
         fit = self.fit[0]
-        doubt = [fit.doubt] if fit is not None and fit.doubt else []
+        of_fit = () if fit is None else fit.notes
         return list(
-            dict.fromkeys((*self.record.notes, *elastic_notes(self.record), *doubt))
+            dict.fromkeys(
+                (*self.record.notes, *elastic_notes(self.record), *of_fit)
+            )
         )
 
     # -- beside others ------------------------------------------------------------------------------------------------

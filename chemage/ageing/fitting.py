@@ -14,7 +14,8 @@ same data give the same digits. A single replica has no error.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, Protocol, get_args
 
 import numpy as np
@@ -33,6 +34,7 @@ from chemage.ageing.models import (
     student,
     time_of,
 )
+from chemage.ageing.straightness import BENT, is_bent, local_slopes, longest_line
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError
 from chemage.foundation.quantities import ONE, Curve, Quantity, Rank, by_name
@@ -94,8 +96,17 @@ B = Quantity(
     stated="half_width",
 )
 CUTOFF = Quantity("cutoff_time", "s", "cut-off time", "t_c", stated="ends")
+RMS_RESIDUAL = Quantity(
+    "rms_residual", "1", "rms residual of the line of β", rank=Rank.REST
+)
+SLOPE_FROM = Quantity(
+    "slope_from", "1", "local slope where the line of β begins", rank=Rank.REST
+)
+SLOPE_TO = Quantity(
+    "slope_to", "1", "local slope where the line of β ends", rank=Rank.REST
+)
 #: the numbers of a fit
-FIT = (BETA, B, CUTOFF)
+FIT = (BETA, B, CUTOFF, RMS_RESIDUAL, SLOPE_FROM, SLOPE_TO)
 
 
 class Curves(Protocol):
@@ -151,6 +162,8 @@ _PLAIN += (
     "window",
     "points",
     "rms_residual",
+    "slope_from",
+    "slope_to",
     "replicas",
     "bootstrap",
     "confidence",
@@ -187,12 +200,19 @@ class Fit:
     span: tuple[float, float]
     #: root mean square distance of the data from the fit, in the unit of the quantity
     rms_residual: float
+    #: slopes per decade over the first half decade of the hold times used, the one in their middle, and the last; nan
+    #: of the model "curve"
+    local_slopes: tuple[float, float, float]
+    #: whether the curve is no line, see :mod:`chemage.ageing.straightness`; False of the model "curve"
+    bent: bool
     #: number of simulated replicas; 0 for measurements
     replicas: int
     #: what was resampled for the intervals; None: they are Student's
     bootstrap: Bootstrap | None
     samples: int
     confidence: float
+    #: what is fitted, and all of its hold times, s
+    data: tuple[FitData, np.ndarray] = field(repr=False)
 
     def __eq__(self, other: object) -> bool:
         # by their text, in which what is not known, nan, equals itself; floats are exact in it
@@ -206,6 +226,69 @@ class Fit:
         return self.beta * basis(
             self.model, np.asarray(hold_times, dtype=np.float64), self.log_cutoff
         )
+
+    @property
+    def slope_from(self) -> float:
+        """Local slope per decade where the fitted hold times begin."""
+        return self.local_slopes[0]
+
+    @property
+    def slope_to(self) -> float:
+        """Local slope per decade where the fitted hold times end."""
+        return self.local_slopes[2]
+
+    @property
+    def saturates(self) -> bool:
+        """Whether β is not above zero, or the curve levels off within the hold times that are fitted."""
+        least = (1 - BENT) * self.slope_from
+        return not self.beta > 0 or (self.bent and self.slope_to < least)
+
+    @cached_property
+    def line_window(self) -> tuple[float, float] | None:
+        """The longest window (s) of the hold times in which the curve is a line, two decades and six hold times at
+        least; None: there is none."""
+        source, times = self.data
+        use = times > 0
+        ends = longest_line(
+            np.log10(times[use]),
+            source.curves[:, use],
+            source.weights(use),
+            simulated=source.simulated,
+            points=LEAST_POINTS,
+            decades=LEAST_DECADES,
+        )
+        return ends and (time_of(ends[0]), time_of(ends[1]))
+
+    def bend_text(self) -> str:
+        """That the curve is no line, with the numbers that say so; "" where it is one."""
+        if not self.bent:
+            return ""
+        numbers = [f"{one:.3g}" for one in (self.rms_residual, *self.local_slopes)]
+        rest, first, middle, last = (
+            f"{one} {UNIT[self.quantity]}".strip() for one in numbers
+        )
+        ends = sorted((self.slope_from, self.slope_to))
+        outside = not ends[0] <= self.local_slopes[1] <= ends[1]
+        return (
+            f"no line: rms residual {rest}, local slope from {first} "
+            f"{f'over {middle} ' if outside else ''}to {last}"
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of β, in words: too few hold times, or a curve that is no line."""
+        notes = [self.doubt] if self.doubt else []
+        if self.bent:
+            window = self.line_window
+            where = (
+                "no window of two decades is one"
+                if window is None
+                else f"it is a line from {window[0]:.4g} to {window[1]:.4g} s"
+            )
+            notes.append(
+                f"β from {self.span[0]:g} to {self.span[1]:g} s is of a curve that is {self.bend_text()} per decade; {where}"
+            )
+        return tuple(notes)
 
     @property
     def drawable(self) -> bool:
@@ -253,7 +336,7 @@ class Fit:
         """β, b and the cut-off time with their intervals; where there is none, why."""
         over = f"over {self.points} hold times from {self.span[0]:g} to {self.span[1]:g} s"
         reason = self._no_interval() if math.isnan(self.beta_interval.low) else ""
-        doubtful = "; ".join(filter(None, (reason, self.doubt)))
+        doubtful = "; ".join(filter(None, (reason, self.doubt, self.bend_text())))
         slopes = [
             one.but(unit=self.unit, value=value, reason=why, of=of).within(
                 *ends, error
@@ -276,11 +359,15 @@ class Fit:
         cutoff = CUTOFF.but(value=self.cutoff_time, reason=why).within(
             *self.cutoff_interval, self.cutoff_time_stderr
         )
-        return [*slopes, cutoff]
+        shape = [
+            one.but(unit=self.unit, value=getattr(self, one.name))
+            for one in (RMS_RESIDUAL, SLOPE_FROM, SLOPE_TO)
+        ]
+        return [*slopes, cutoff, *shape]
 
     def texts(self) -> tuple[str, ...]:
         """β, b and the cut-off time, for the cells of a table."""
-        return tuple(one.but(of="").text() for one in self.quantities())
+        return tuple(one.but(of="").text() for one in self.quantities()[:3])
 
     def beta_text(self) -> str:
         """β with its interval and unit."""
@@ -312,7 +399,9 @@ class Fit:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
         text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
-        return f"{text}\n{self.doubt.partition(';')[0]}" if self.doubt else text
+        return "\n".join(
+            filter(None, (text, self.doubt.partition(";")[0], self.bend_text()))
+        )
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""
@@ -334,6 +423,7 @@ class Fit:
         where = (
             f"{self.span[0]:g} s to {self.span[1]:g} s"
             + f"; {self.doubt}" * bool(self.doubt)
+            + f"; {self.bend_text()}" * self.bent
         )
         shape = "log10(t/t_c)" if self.model == "line" else "log10(1 + t/t_c)"
         return f"{symbol} = β {shape}, {self.points} points, {where}"
@@ -424,6 +514,10 @@ def fit_aging(
     forces = (
         source.simulated or source.quantity == "friction_drop"
     )  # curves of a simulated result are ΔF
+    local, bent = (math.nan, math.nan, math.nan), False
+    if model == "line":
+        local = local_slopes(np.log10(t), curves.mean(axis=0), weight)
+        bent = is_bent(np.log10(t), curves, weight, simulated=source.simulated)
     return Fit(
         model=model,
         quantity=source.quantity,
@@ -444,10 +538,13 @@ def fit_aging(
         span=(float(t[t > 0].min()), float(t.max())),
         rms_residual=float(np.sqrt(np.mean((curves.mean(axis=0) - fitted) ** 2)))
         * unit,
+        local_slopes=(local[0] * unit, local[1] * unit, local[2] * unit),
+        bent=bent,
         replicas=len(curves) if source.simulated else 0,
         bootstrap=bootstrap,
         samples=samples,
         confidence=confidence,
+        data=(source, data.hold_times),
     )
 
 

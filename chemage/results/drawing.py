@@ -388,6 +388,7 @@ def _fit_words(
     spans, words = {span_text(fit.span) for fit in fits.values()}, {}
     for name, fit in fits.items():
         doubt = f", {fit.points} hold times" if fit.doubt else ""
+        doubt += ", no line" if fit.bent else ""
         span = f", {span_text(fit.span)}" if len(spans) > 1 else ""
         words[name] = f", {fit.symbol_text()}{doubt}{span}"
     over = f", {spans.pop()}" if len(spans) == 1 else ""

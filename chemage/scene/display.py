@@ -111,6 +111,9 @@ class AgingOfScene(AgingDisplay):
 
     @property
     def scatter(self) -> Scatter | None:
+        fit = self.fit[0]
+        if fit is not None and fit.saturates:  # the estimates are not of such a β
+            return None
         return scatter_of(self._scene, self.record, self.record.contact)
 
     def draw_published(self, axes: Axes) -> None:

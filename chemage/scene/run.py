@@ -120,8 +120,8 @@ class Run:
         notes = [*self.contact.notes, *elasticity_notes(self.contact)]
         notes += self.aging.notes if self.aging is not None else ()
         notes += elastic_notes(self.aging)
-        if (fit := self.fit()) is not None and fit.doubt:
-            notes.append(fit.doubt)
+        if (fit := self.fit()) is not None:
+            notes += fit.notes
         if self.contact.area_fraction == 1 and not any(
             note.startswith("full contact") for note in notes
         ):
@@ -165,8 +165,10 @@ class Run:
     @property
     def scatter(self) -> Scatter | None:
         """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
-        ageing."""
-        if self.aging is None:
+        ageing, and where β saturates, of which the estimates are not."""
+        if self.aging is None or (
+            (fit := self.fit()) is not None and fit.saturates
+        ):
             return None
         return scatter_of(self.scene, self.aging, self.contact.summary())
 
@@ -206,7 +208,7 @@ class Run:
             "sites": float(aging.sites.mean()) if aging else _sites(contact),
             "site_grid": aging.site_grid if aging else None,
             "replicas": aging.replicas if aging else 0,
-            "events": (None if aging.events is None else int(aging.events.sum()))
+            "events": (None if aging.events is None else sum(aging.events.tolist()))
             if aging
             else 0,
             "common_random_numbers": aging.provenance.get("common")

@@ -302,3 +302,79 @@ def test_b_is_the_slope_per_factor_e():
     assert found.b_half_width == pytest.approx((found.b_interval.high - found.b_interval.low) / 2, rel=1e-12)
     assert found.todict()["b"] == found.b
     assert found.texts()[1].startswith("0.0")
+
+
+# -- curves that are no line ---------------------------------------------------------------------------------------
+
+
+def simulated(probabilities, seed, replicas=10, sites=2000):
+    """Bonds of independent sites, which share their hold times: ``probabilities`` (m,) to be bonded at each."""
+    rng = np.random.default_rng(seed)
+    steps = np.append(np.diff(probabilities, prepend=0.0), 1 - probabilities[-1])
+    bonds = rng.multinomial(sites, steps, size=replicas)[:, :-1].cumsum(axis=1)
+    return Aging(hold_times=HOLDS, bonds=bonds, sites=[sites] * replicas, load=100.0, temperature=300.0)
+
+
+HOLDS = 10.0 ** np.arange(-2, 5.01, 0.25)
+STRAIGHT = 0.05 + 0.1 * (np.log10(HOLDS) + 2)
+SATURATING = 1 - np.exp(-((HOLDS / 50) ** 0.5))
+HUMP = 1 / (1 + (300 / HOLDS) ** 1.5)
+
+
+@pytest.mark.parametrize("replicas", [1, 2, 10])
+def test_a_true_line_is_called_bent_as_rarely_as_is_said(replicas):
+    """One in a hundred at most: of 200, eight or more would be one case in a thousand."""
+    bent = [simulated(STRAIGHT, seed, replicas).fit().bent for seed in range(200)]
+    assert sum(bent) < 8
+
+
+def test_measurements_on_a_line_are_called_bent_as_rarely_as_is_said():
+    rng = np.random.default_rng(3)
+    bent = [
+        fit_aging(measured(TIMES, line(0.4, 0.1, TIMES) + 0.1 * rng.normal(size=TIMES.size))).bent for _ in range(400)
+    ]
+    assert sum(bent) < 12
+
+
+@pytest.mark.parametrize("truth", [SATURATING, HUMP])
+@pytest.mark.parametrize("replicas", [1, 10])
+def test_a_curve_that_is_no_line_is_called_so_with_its_numbers(truth, replicas):
+    made = simulated(truth, 1, replicas, 20_000)
+    fit = made.fit()
+    assert fit.bent
+    x, y = np.log10(HOLDS), truth * 20_000 * 3.0 / 100.0
+    for slope, at in ((fit.slope_from, 1.0), (fit.slope_to, 3.5)):
+        ends = np.interp([at, at + 0.5], x, y)
+        assert slope == pytest.approx((ends[1] - ends[0]) / 0.5, rel=0.1, abs=0.05 * fit.beta)
+    (note,) = fit.notes
+    assert f"no line: rms residual {fit.rms_residual:.3g}, local slope from {fit.slope_from:.3g}" in note
+    assert "no line: rms residual" in fit.short_text()
+    assert "no line: rms residual" in fit.beta_text()
+    assert {"rms_residual", "slope_from", "slope_to"} <= fit.todict().keys()
+
+
+def test_the_window_that_is_named_is_one_in_which_the_curve_is_a_line():
+    bends = np.where(HOLDS < 10, STRAIGHT, STRAIGHT[HOLDS < 10][-1] + 0.02 * (np.log10(HOLDS) - 0.75))
+    made = simulated(bends, 2, 10, 20_000)
+    fit = made.fit(0.01, 1e4)
+    assert fit.bent
+    low, high = fit.line_window
+    assert f"it is a line from {low:.4g} to {high:.4g} s" in fit.notes[0]
+    again = made.fit(low, high)
+    assert not again.bent
+    assert again.notes == ()
+    assert "no window of two decades is one" in simulated(SATURATING, 1, 10, 10**6).fit().notes[0]
+
+
+def test_a_saturating_curve_says_so_of_beta():
+    assert simulated(SATURATING, 1, 10, 20_000).fit().saturates
+    assert simulated(np.where(HOLDS < 1, 0.5, 1.0), 1).fit().saturates
+    assert not simulated(STRAIGHT, 1, 10, 20_000).fit().saturates
+
+
+def test_measurements_that_saturate_are_called_no_line():
+    rng = np.random.default_rng(4)
+    times = np.geomspace(5, 1e4, 14)
+    fit = fit_aging(measured(times, 1 - np.exp(-times / 10) + 0.02 * rng.normal(size=times.size)))
+    assert fit.bent
+    assert fit.slope_from > 3 * fit.slope_to
