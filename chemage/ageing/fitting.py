@@ -268,7 +268,8 @@ class Fit:
             f"{one} {UNIT[self.quantity]}".strip() for one in numbers
         )
         ends = sorted((self.slope_from, self.slope_to))
-        outside = not ends[0] <= self.local_slopes[1] <= ends[1]
+        third = BENT * abs(self.beta)
+        outside = not ends[0] - third < self.local_slopes[1] < ends[1] + third
         return (
             f"no line: rms residual {rest}, local slope from {first} "
             f"{f'over {middle} ' if outside else ''}to {last}"

@@ -70,6 +70,9 @@ class EnsembleDisplay(OfRecord[Ensemble]):
     def heading(self) -> str:
         return f"{self.title}: {TITLE}"
 
+    def notes(self) -> list[str]:
+        return self.record.every_note
+
     @property
     def scene(self) -> Mapping[str, Any]:
         return self.record.provenance.get("scene", {})
@@ -322,9 +325,10 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             x = np.log10(times[fitted])
             line = mean[fitted].mean() + beta.value * (x - x.mean())
             text = f"{beta.short()} per decade (line, {span_text(ensemble.quantities.span)})"
-            text += f"\n{ensemble.quantities.doubt.partition(';')[0]}" * bool(
-                ensemble.quantities.doubt
-            )
+            line_fit = ensemble.line
+            doubt = ensemble.quantities.doubt.partition(";")[0]
+            bend = "" if line_fit is None else line_fit.bend_text()
+            text = "\n".join(filter(None, (text, doubt, bend)))
             axes.plot(
                 times[fitted],
                 line,

@@ -9,7 +9,20 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from pydantic import model_validator
 
-from chemage.ageing.fitting import BETA, DROPS, LN10, B, why_not_fitted
+from chemage.ageing.fitting import (
+    BETA,
+    DROPS,
+    LN10,
+    RMS_RESIDUAL,
+    SLOPE_FROM,
+    SLOPE_TO,
+    B,
+    Fit,
+    FitData,
+    Friction,
+    fit_aging,
+    why_not_fitted,
+)
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.outputs import RECORDED
 from chemage.foundation.quantities import (
@@ -180,6 +193,29 @@ class Ensemble(Record):
         """(samples, quantities) of each level: independent samples, whose means add up to the mean."""
         rows = [self.rows[str(number)] for number in range(len(self.levels))]
         return regressed(rows) if self.controlled else rows
+
+    def fit_data(self, quantity: Friction | None = None) -> FitData:
+        """The curves of the surfaces of the first level, about the mean, for :func:`chemage.fit_aging`."""
+        curves = self._terms[0][:, self.quantities.curve]
+        about = curves - curves.mean(axis=0) + self.mean[self.quantities.curve]
+        drop = quantity or "friction_coefficient_drop"
+        scale = 1 / self.load if drop == "friction_coefficient_drop" else 1.0
+        return FitData(about, drop, scale, simulated=True)
+
+    @cached_property
+    def line(self) -> Fit | None:
+        """The line of β through the mean curve, which says whether the curve is one; None where β cannot be fitted."""
+        return (
+            fit_aging(self, window=self.window)
+            if self.quantities.has_beta
+            else None
+        )
+
+    @property
+    def every_note(self) -> list[str]:
+        """The notes, and those of β."""
+        of_line = () if self.line is None else self.line.notes
+        return list(dict.fromkeys((*self.notes, *of_line)))
 
     @cached_property
     def half_widths(self) -> np.ndarray:
@@ -523,6 +559,10 @@ class Ensemble(Record):
                 for one in every
                 for name, value in one.numbers().items()
             },
+            **{
+                one.name: getattr(self.line, one.name, None)
+                for one in (RMS_RESIDUAL, SLOPE_FROM, SLOPE_TO)
+            },
             "fit_range": list(self.quantities.span) if fitted else None,
             "beta_reason": why or None,
             "beta_scatter_between_surfaces": self.scatter,
@@ -530,7 +570,7 @@ class Ensemble(Record):
             "levels": [dict(level) for level in self.levels],
             "goals": self.goals,
             "stopped": self.stopped,
-            "notes": list(self.notes),
+            "notes": self.every_note,
             "quantities": estimates,
             "versions": self.provenance.get("versions", {}),
             "plugins": self.plugins,

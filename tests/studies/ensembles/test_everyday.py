@@ -290,3 +290,11 @@ def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
     bare = json.loads(command("show", files / "bare.h5", "--json").out)
     assert (bare["beta"], bare["hold_times"], bare["friction_drop"]) == (None, [], [])
     assert set(bare) - set(mean) == set()
+
+
+def test_a_mean_of_curves_that_saturate_says_that_it_is_no_line():
+    few = {"surface.pixels": 64, "surface.zeta": 8, "contact.load": "0.3 uN", "hold.temperature": 350.0}
+    mean = ca.ensemble(ca.load_scene("silica-patch", few), surfaces=8)
+    numbers = mean.summary()
+    assert numbers["slope_from"] > 3 * numbers["slope_to"]
+    assert any(f"no line: rms residual {numbers['rms_residual']:.3g}, local slope" in note for note in numbers["notes"])
