@@ -419,7 +419,6 @@ SAYS = {
     ("chemage/contacts/role.py", "fft-bem"): "example in a docstring",
     ("chemage/scaffold/__init__.py", "fft-bem"): "example in a docstring",
     ("chemage/contacts/role.py", "hertz"): "example in a message",
-    ("chemage/results/verdicts.py", "measured"): "a field, in JSON and in a column",
     ("chemage/kinetics/role.py", "rejection-free"): "example in a message",
     ("chemage/kinetics/role.py", "bkl"): "example in a docstring and a message",
     ("chemage/lattices/chemistry.py", "md-silica"): "example in a docstring",
