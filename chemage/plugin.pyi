@@ -1,4 +1,5 @@
 # Made by `chemage plugins stubs`; do not edit.
+from chemage.lattices.lattice import ABSENT as ABSENT
 from chemage.plugins.hooks import API_VERSION as API_VERSION
 from chemage.results.arrhenius import ActivationEnergy as ActivationEnergy
 from chemage.ageing.methods import AgedBonds as AgedBonds

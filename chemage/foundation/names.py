@@ -68,7 +68,7 @@ NAMES = {
     "kinetics.role": "Engine Ramp engine run_kinetics",
     "lattices.chemistry": "Chemistry chemistry contact_statistics coordination barriers build_lattice interaction",
     "lattices.independent": "TwoState",
-    "lattices.lattice": "ReactionLattice",
+    "lattices.lattice": "ABSENT ReactionLattice",
     "lattices.role": "Barriers Interaction",
     "lattices.site_grid": "SITE_POSITIONS ContactSites contact_sites",
     "plugins.hooks": "API_VERSION Doubt Stage StageInputs hookimpl lazy_attributes",

@@ -40,8 +40,9 @@ from chemage.kinetics.history import (
 )
 from chemage.kinetics.role import Ramp
 from chemage.lattices.chemistry import Chemistry, effective_forming
-from chemage.lattices.lattice import ReactionLattice
+from chemage.lattices.lattice import ABSENT, ReactionLattice
 from chemage.lattices.role import Barriers
+from chemage.lattices.site_grid import SITE_POSITIONS
 from chemage.plugins import registry
 from chemage.plugins.sources import noted
 
@@ -74,9 +75,11 @@ class Drive(Component):
     shape: Literal["cusp", "cubic", "constant"] = "cubic"
     """energy along the pull: a cusp (ν = 1/2), linear-cubic (ν = 2/3), or Bell's constant distance (ν = 1); default:
     linear-cubic"""
-    partner: Literal["kept", "new"] = "new"
-    """what a site meets whose bond broke: ``new``, another site, its forming barrier drawn anew from the distribution;
-    ``kept``, the same one; default: new"""
+    partner: Literal["kept", "renewed"] = "renewed"
+    """``renewed``: with every spacing of slip a site meets another site of the counter-body, both barriers of which are
+    drawn from the distributions; ``kept``: it has the barriers of the lattice throughout; default: renewed"""
+    spacing: Length | None = None
+    """d, between the sites of the counter-body, nm; default: that of the sites of the lattice"""
 
     @property
     def exponent(self) -> float:
@@ -85,30 +88,45 @@ class Drive(Component):
 
 
 class Partners(NamedTuple):
-    """The forming barriers that new partners bring."""
+    """The sites of the counter-body: a site meets another one with every spacing of slip."""
 
-    #: (q,) eV, quantiles of the intrinsic barrier at equal steps of probability; between them it is interpolated
-    quantiles: np.ndarray
-    #: (n,) eV, what the barrier of a site has beside the intrinsic one of its partner, such as that of the pressure
+    #: (q,) eV, quantiles of the intrinsic forming barrier at equal steps of probability, interpolated between them
+    forming: np.ndarray
+    #: (q,) eV, of the breaking barrier
+    breaking: np.ndarray
+    #: (n,) eV, what the forming barrier of a site has beside that of its partner, such as that of the pressure
     shift: np.ndarray
+    #: nm, between two of them
+    spacing: float
 
 
 def partners_of(
     chemistry: Chemistry, lattice: ReactionLattice, contact: ContactSolution
 ) -> Partners:
-    """New partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site."""
+    """Partners with the barriers of ``chemistry``: between 65,536 quantiles, at the pressure of each site, as far from
+    each other as the sites of ``lattice``; a site that is not in contact meets none."""
     pressure = lattice.pressures(contact)
     shift = effective_forming(
-        np.zeros(pressure.size), chemistry.activation_volume, pressure
+        np.where(lattice.forming < ABSENT / 2, 0.0, ABSENT),
+        chemistry.activation_volume,
+        pressure,
     )
-    return Partners(_quantiles(chemistry.forming), shift)  # pyright: ignore[reportArgumentType]: hashable it is
+    spacing = lattice.pixel_size
+    if chemistry.site_density == "given":
+        pixels = lattice.pixels[0] * lattice.pixels[1]
+        spacing *= (pixels / len(contact.observables[SITE_POSITIONS])) ** 0.5
+    forming, breaking = (
+        np.empty(0) if barriers is None else _quantiles(barriers)  # pyright: ignore[reportArgumentType]: hashable it is
+        for barriers in (chemistry.forming, chemistry.breaking)
+    )
+    return Partners(forming, breaking, shift, spacing)
 
 
-@lru_cache(maxsize=4)
-def _quantiles(forming: Barriers) -> np.ndarray:
+@lru_cache(maxsize=8)
+def _quantiles(barriers: Barriers) -> np.ndarray:
     """Of a distribution, at equal steps; kept, because a run pulls hundreds of times with the same one."""
     quantiles = np.maximum.accumulate(
-        forming.quantile((np.arange(QUANTILES) + 0.5) / QUANTILES)
+        barriers.quantile((np.arange(QUANTILES) + 0.5) / QUANTILES)
     )
     quantiles.setflags(write=False)
     return quantiles
@@ -144,11 +162,15 @@ class PullHistory(Followed):
             "nm",
             "of each bond at the end, 0 where there is none",
         ),
-        "slips": (("site",), "", "bonds that each site has lost"),
         "forming": (
             ("site",),
             "eV",
             "barrier to forming a bond with the present partner, no neighbour bonded",
+        ),
+        "breaking": (
+            ("site",),
+            "eV",
+            "barrier to breaking the bond, or one with the present partner",
         ),
         "avalanches": (
             ("size",),
@@ -181,10 +203,10 @@ class PullHistory(Followed):
     """(n,) bool at the last time"""
     stretch: Doubles
     """(n,) nm at the last time"""
-    slips: Indices
-    """(n,)"""
     forming: Doubles
-    """(n,) eV: the forming barriers at the end, of new partners where there are some"""
+    """(n,) eV: the forming barriers at the end, with the present partners"""
+    breaking: Doubles
+    """(n,) eV: the breaking barriers at the end, of a bond with the partner with which it formed"""
     avalanches: Indices
     """(j,) slips by their number of ruptures; a slip is a fall of the force by more than 5 % of the largest force"""
     largest_drop: Number = 0.0
@@ -196,6 +218,8 @@ class PullHistory(Followed):
     """where it was reached, nm"""
     peak_time: Number
     """when it was reached, s"""
+    least: Number = 0.0
+    """the smallest force of this pull so far, nN, between the times as well"""
     drive: Plain
     """what pulled"""
 
@@ -230,21 +254,18 @@ class PullHistory(Followed):
         return BondHistory(
             hold_times=self.times,
             engine=self.engine,
-            resume={**counters_of(self.resume), "slips": self.slips},
+            resume=counters_of(self.resume),
             **{name: getattr(self, name) for name in names},
         )
 
     @classmethod
     def of_parts(cls, parts: Sequence[Any], **changes: Any) -> Self:
-        """See :meth:`Followed.of_parts`; the peak is that of all."""
+        """See :meth:`Followed.of_parts`; the peak and the least force are those of all."""
+        changes["least"] = min(one.least for one in parts)
         highest = max(parts, key=lambda one: one.peak)
         for name in ("peak", "peak_displacement", "peak_time"):
             changes[name] = getattr(highest, name)
         return super().of_parts(parts, **changes)
-
-    def raised(self, change: np.ndarray) -> Self:
-        """See :meth:`Followed.raised`; those of partners that sites have met are higher as well."""
-        return self.model_copy(update={"forming": self.forming + change})
 
     def without(self, lost: np.ndarray) -> Self:
         """See :meth:`Followed.without`; the energy of these bonds is dissipated, and where no spring pulls, the force
@@ -267,8 +288,9 @@ class PullHistory(Followed):
         )
 
     def lattice_after(self, lattice: ReactionLattice) -> ReactionLattice:
-        """``lattice``, which was pulled, with the partners that its sites have now."""
-        return lattice.model_copy(update={"forming": self.forming})
+        """``lattice``, which was pulled, with the partners that its sites have now; to pull on, take ``lattice``."""
+        both = {"forming": self.forming, "breaking": self.breaking}
+        return lattice.model_copy(update=both)
 
     def fault(self) -> str:
         """See :meth:`Followed.fault`."""
@@ -289,6 +311,8 @@ class PullHistory(Followed):
                 return f"{name} falls, or is negative"
         if np.any(self.force < 0) or self.peak < self.force.max(initial=0.0):
             return "force: is negative, or above the peak"
+        if self.least > self.force.min(initial=np.inf):
+            return "force: is below the least force"
         if (worst := float(np.abs(self.imbalance).max(initial=0.0))) > BALANCE:
             return f"the balance of energy is violated by {worst:.2g} of the work"
         return super().fault()
@@ -358,7 +382,7 @@ class Pulling(Component, ABC):
             None (nothing bonded at time 0), a bool array (n,), a hold, whose bonds are unstretched, or a pull, which
             goes on. With the same lattice, drive, temperature and seed it goes on bit for bit.
         partners
-            What sites meet that lost their bond, where the drive says ``new``; see :func:`chemage.plugin.partners_of`.
+            What sites meet, where the drive renews their partners; see :func:`chemage.plugin.partners_of`.
 
         Raises
         ------
@@ -388,16 +412,18 @@ class Pulling(Component, ABC):
                 "lattice: bonds last on it, so that no force breaks them; give breaking barriers"
             )
         start = checked_start(start, Followed, lattice, moments, "times")
-        if drive.partner == "new" and partners is None:
+        if drive.partner == "renewed" and partners is None:
             raise InputError(
-                "partners: a site meets a new one; give chemage.plugin.partners_of(...), or partner='kept'"
+                "partners: sites meet others; give chemage.plugin.partners_of(...), or partner='kept'"
             )
-        if partners is not None and (
-            partners.shift.shape != (n,) or partners.quantiles.size < 2
-        ):
-            raise InputError(
-                "partners: give two quantiles or more, and one shift for each site"
-            )
+        if partners is not None:
+            spacing = partners.spacing if drive.spacing is None else drive.spacing
+            partners = partners._replace(spacing=spacing)
+            quantiles = min(partners.forming.size, partners.breaking.size)
+            if partners.shift.shape != (n,) or quantiles < 2 or not spacing > 0:
+                raise InputError(
+                    "partners: give two quantiles or more of each barrier, one shift for each site, and a spacing above 0"
+                )
         how = {}
         if ramp is not None:
             how["ramp"] = ramp.checked(lattice, kelvin, drive.speed)
@@ -445,7 +471,7 @@ def pull(
     expect(Pulling.role, engine, Pulling, 'make one with chemage.pulling("...")')
     expect("drive", drive, Drive, "make one with chemage.plugin.Drive(speed=...)")
     partners = None
-    if drive.partner == "new" and chemistry is not None and contact is not None:
+    if drive.partner == "renewed" and chemistry is not None and contact is not None:
         partners = partners_of(chemistry, lattice, contact)
     pulled, took_part, recorded = registry.current().answer(
         "chemage_pull_bonds",

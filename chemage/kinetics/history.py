@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 #: counts of events stop here, where the bonds are no longer those formed less broken
 MOST_EVENTS = 2**61
 #: What says in ``resume`` how many random numbers are used up, whatever engine used them: of a run as a whole, of its
-#: selections, of each site, and of the partners that each site has met; and the state of each site where there are more
-#: than two.
-COUNTERS = ("event", "drawn", "draws", "slips", "occupied")
+#: selections, and of each site; the state of each site where there are more than two; and where a slider is: its cell, the
+#: way within it, and the partner of each bond.
+COUNTERS = ("event", "drawn", "draws", "occupied", "cell", "offset", "partner")
 
 
 class Followed(Observing, Record):
@@ -155,10 +155,6 @@ class Followed(Observing, Record):
             resume = {**counters_of(start.resume), **self.resume}
             changes = {**changes, "resume": resume}
         return self.model_copy(update=changes) if changes else self
-
-    def raised(self, change: np.ndarray) -> Self:
-        """The same where the forming barriers of the lattice are higher by ``change``, (n,) eV."""
-        return self
 
     def without(self, lost: np.ndarray) -> Self:
         """The state at the end without the bonds of the sites ``lost``, (n,) bool, which count as broken."""
@@ -362,7 +358,7 @@ def checked_start(
 
 
 def counters_of(resume: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The counters of random numbers among what an engine needs to resume.
+    """The counters of random numbers among what an engine needs to resume, and the position of a slider.
 
     Every step of a chain of holds and pulls hands them on to the next one, so that no number is used twice: ``event``
     (1,) int64, used by the run as a whole, and ``draws`` (n,) int64, used by each site. An engine counts on from them.

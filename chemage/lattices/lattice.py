@@ -46,6 +46,10 @@ def _in_range(name: str, values: np.ndarray, remedy: str) -> None:
         raise ValueError(f"{name}: beyond {LARGEST:g}, out of range; {remedy}")
 
 
+#: forming barrier of a site that is not in contact, eV: it forms no bond at any temperature
+ABSENT = 1000.0
+
+
 class ReactionLattice(Observing, Record):
     """A graph of the sites that can react, and nothing else.
 

@@ -17,6 +17,7 @@ from chemage import (
     solve_contact,
 )
 from chemage.plugin import (
+    ABSENT,
     AgedReplica,
     AgeingRequest,
     BondHistory,
@@ -34,8 +35,6 @@ from chemage.plugin import (
 )
 from chemage_history.steps import Protocol, Segment, Slider, StepOutcome, segments
 
-#: forming barrier of a site that is not in contact, eV: it forms no bond at any temperature
-ABSENT = 1000.0
 #: what is kept beside the bonds, and what the protocol measures
 OUTPUTS = {
     "slider": Output("hold_time", "nm", "way of the slider"),
@@ -67,7 +66,6 @@ def state_of(
     """The state of a contact whose sites have the barriers of ``after``: those that left have lost their bonds, and all
     keep their partners, stretch, clock and counters."""
     state = state.without(after.forming >= ABSENT / 2)
-    state = state.raised(after.forming - before.forming)
     if (occupied := state.resume.get("occupied")) is None:
         return state
     # of more than two states, sites that come into contact are as new

@@ -109,7 +109,7 @@ class VelocitySteps(Protocol):
             yield f"steady_{k}", one.steady, "nN", f"steady friction at {v:g} nm/s"
         for k, (old, new) in enumerate(pairwise(steps), 1):
             up = self.speeds[k] >= self.speeds[k - 1]
-            extreme = new.peak if up else new.force.min()
+            extreme = new.peak if up else new.least
             at = f"at change {k} of the speed"
             yield f"transient_{k}", extreme - new.steady, "nN", f"transient {at}"
             yield (

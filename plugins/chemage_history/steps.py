@@ -242,6 +242,8 @@ class StepOutcome:
     #: largest force of this step, nN, and way of the slider in it to there, nm
     peak: float
     peak_at: float
+    #: smallest force of this step, nN
+    least: float
     #: mean force over the last quarter of the step, nN; at rest that at its end
     steady: float
     #: of the drive in this step, nN nm
@@ -274,6 +276,7 @@ class StepOutcome:
             slider,
             getattr(history, "peak", 0.0),
             getattr(history, "peak_displacement", 0.0) - float(slider[0]),
+            getattr(history, "least", 0.0),
             float((work[-1] - work[last]) / way if way else force[-1]),
             float(work[-1] - work[0]),
             **counts,

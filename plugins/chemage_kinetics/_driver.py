@@ -201,6 +201,15 @@ class Pending:
         """(n,) int64: random numbers used by each site."""
         return self._whole(name, (self._sites,), 0, MOST_DRAWS)
 
+    def offset(self, name: str) -> Array:
+        """(2,) float64 nm, not negative."""
+        array = self._array(name, np.float64, (2,))
+        if not 0 <= array[0] < math.inf or not abs(array[1]) <= array[0]:
+            self._wrong(
+                name, f"is {array[0]} + {array[1]} nm, but should not be negative"
+            )
+        return array
+
     def occupied(self, states: int) -> Array:
         """(n,) int64: the state of each site, -1 where it is not known."""
         return self._whole("occupied", (self._sites,), -1, states - 1)

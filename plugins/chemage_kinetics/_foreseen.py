@@ -3,6 +3,8 @@ neighbours."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from chemage import ReactionLattice
@@ -61,6 +63,29 @@ def waiting(
     )
 
 
+class Renewed(NamedTuple):
+    """Partners that sites come to one after the other."""
+
+    forming: Array
+    """eV, barriers to forming a bond with them"""
+    passing: float
+    """s, in which the slider goes from one to the next"""
+
+    def waiting(
+        self, shift: Array, span: float, frequency: float, temperature: float
+    ) -> Array:
+        """Seconds until sites whose barriers are higher by ``shift`` (eV) form a bond, at most ``span``: the mean time
+        with a partner over the probability to bind to it."""
+        spent, binds = np.zeros(np.shape(shift)), np.zeros(np.shape(shift))
+        for barrier in self.forming:
+            speed = np.maximum(
+                rates(barrier + shift, frequency, temperature), 1e-300
+            )
+            bound = -np.expm1(-speed * self.passing)
+            spent, binds = spent + bound / speed, binds + bound
+        return np.minimum(spent / np.maximum(binds, 1e-300), span)
+
+
 def slider_way(drive: Drive, bonds: float, stretch: float, span: float) -> float:
     """How far the slider comes in ``span`` seconds, nm: a spring is first loaded by ``bonds`` stretched so far."""
     if drive.spring == 0:
@@ -86,11 +111,11 @@ def flips_on(
     span: float,
     temperature: float,
     bonded: Array,
-    again: Array | None,
+    again: Renewed | None,
     enough: float,
 ) -> float:
-    """Bonds that form and break on ``lattice`` in ``span`` seconds; ``again``: forming barriers of new partners (eV),
-    None where sites keep theirs.
+    """Bonds that form and break on ``lattice`` in ``span`` seconds; ``again``: the partners that
+    they come to, None where sites keep theirs.
 
     At first as if every bond broke like the weakest one and formed again at once, then with all couplings that help
     bonds to form and the lowest barriers. If that bound exceeds ``enough`` too, the larger of two mean fields, of all
@@ -113,14 +138,10 @@ def flips_on(
     way = slider_way(drive, float(np.count_nonzero(bonded)), stretch, span)
     last = lifetimes(lattice.breaking, drive, way, nu, temperature)
 
-    def forms_after(shift: Array, partners: Array | None) -> Array:
-        wait = waiting(lattice.forming + shift, span, nu, temperature)
+    def forms_after(shift: Array, partners: Renewed | None) -> Array:
         if partners is None:
-            return wait
-        others = sum(
-            waiting(barrier + shift, span, nu, temperature) for barrier in partners
-        )
-        return np.asarray(others) / partners.size
+            return waiting(lattice.forming + shift, span, nu, temperature)
+        return partners.waiting(shift, span, nu, temperature)
 
     def around(there: Array) -> Array:
         if lattice.neighbours is None or lattice.coupling is None:
@@ -135,7 +156,8 @@ def flips_on(
         helped = np.minimum(lattice.coupling, 0.0).sum(axis=1)
     wait = forms_after(helped, None)
     if again is not None:
-        wait = np.minimum(wait, forms_after(helped, again[:1]))
+        lowest = again._replace(forming=again.forming[:1])
+        wait = np.minimum(wait, forms_after(helped, lowest))
     if (most := float(flips(wait, last, bonded, span).sum())) <= enough:
         return most
     found = []

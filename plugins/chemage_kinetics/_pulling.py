@@ -12,6 +12,10 @@ avalanche carries the slider over many windows at once.
 A position is a whole number of windows and the rest, so that a bond's stretch keeps all digits far from the start. The
 rest, sums over it, and the force of a spring at which the slider rests are pairs of doubles: work and losses are
 differences of large numbers where stretches or forces are small.
+
+Sites of the counter-body lie a spacing apart, which is divided into CELLS cells. With every spacing of slip a site comes
+to another partner, each site in the cell of its own phase. Between the edges of cells the rates of free sites are
+constant; at an edge the free sites whose phase it is get the rate of their new partner.
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ from chemage_kinetics._common import (
     KineticModel,
     RampBounds,
     above,
+    block_sum,
     borrowed,
     degree,
     fixed_barrier,
@@ -57,7 +62,9 @@ from chemage_kinetics._rejection_free import (
 )
 
 STREAM = STREAMS["event-driven"]
-PARTNER = random.KINETICS + 5
+PARTNER, PHASE = random.KINETICS + 5, random.KINETICS + 7
+#: of a spacing, and its binary logarithm
+CELLS, CELL_BITS = np.int64(4096), 12
 #: windows that are listed, and the furthest window ahead at whose end a bond may have its bound
 RING, FURTHEST = np.int64(256), np.int64(128)
 #: a bond is selected with this probability at most before it has come as far ahead, where that is several windows
@@ -83,10 +90,21 @@ SLIP = 0.05
     RUBBED,
     RUBBED_LOW,
 ) = range(14)
-LEFT, PEAK, PEAK_AT, PEAK_TIME, TOP, BOTTOM, LARGEST, MOVED_BEFORE, CHOICE = range(
-    14, 23
-)
-REALS = 23
+(
+    OFFSET,
+    OFFSET_LOW,
+    LEFT,
+    PEAK,
+    PEAK_AT,
+    PEAK_TIME,
+    LEAST,
+    TOP,
+    BOTTOM,
+    LARGEST,
+    MOVED_BEFORE,
+    CHOICE,
+) = range(14, 26)
+REALS = 26
 (
     EVENT,
     WINDOW,
@@ -101,8 +119,9 @@ REALS = 23
     DONE,
     FIRST,
     RESTS,
-) = range(13)
-COUNTS = 13
+    CELL,
+) = range(14)
+COUNTS = 14
 # columns of what is sampled
 MOVED, FORCE, WORKED, DISSIPATED, STORED, FRICTION = range(6)
 
@@ -111,7 +130,7 @@ class Bonds(NamedTuple):
     """How a bond breaks under force; lengths in nm, forces in nN."""
 
     barrier: Array
-    """(n,) breaking barrier over k_BT, not negative"""
+    """(n,) breaking barrier over k_BT, not negative; that of the partner with which each bond formed"""
     exponent: float
     """ν"""
     gain: float
@@ -120,6 +139,8 @@ class Bonds(NamedTuple):
     """nN/nm"""
     window: float
     """nm"""
+    thermal: float
+    """k_BT, eV"""
 
 
 class SliderDrive(NamedTuple):
@@ -133,15 +154,33 @@ class SliderDrive(NamedTuple):
     since: float
 
 
-class NewPartners(NamedTuple):
-    """New partners of sites that lost their bond; ``quantiles`` is empty where they keep them."""
+class Counterpart(NamedTuple):
+    """What the sites meet on the counter-body; ``forming`` is empty where they keep their partners."""
 
-    quantiles: Array
-    """(q,) eV, ascending, of the intrinsic forming barrier"""
+    key: Key
+    """of the seed alone, so that sites keep their partners when the lattice changes"""
+    own: Array
+    """(n, 2) eV: forming and breaking barrier of each site with its first partner"""
+    forming: Array
+    """(q,) eV, ascending: quantiles of the intrinsic forming barrier"""
+    breaking: Array
+    """(q,) eV: those of the breaking barrier"""
     shift: Array
-    """(n,) eV, what the forming barrier of a site has beside the intrinsic one"""
+    """(n, 2) eV, what both barriers of a site have beside those of the partner"""
     pixels: Array
     """(n,) int64: index of each site's random numbers"""
+    phase: Array
+    """(n,) int64: cells by which each site is ahead"""
+    width: float
+    """of a cell, nm"""
+    order: Array
+    """(n,) int64: the sites by the cell, modulo CELLS, in which they meet a new partner, ascending within it"""
+    first: Array
+    """(CELLS + 1,) int64: where the sites of each such cell begin in ``order``"""
+    ahead: Array
+    """(CELLS,) int64: cells from each to the next one with a site"""
+    blocks: Array
+    """int64 scratch: blocks whose ancestors are to be summed again"""
 
 
 class PullRun(NamedTuple):
@@ -151,7 +190,7 @@ class PullRun(NamedTuple):
     model: KineticModel
     bonds: Bonds
     drive: SliderDrive
-    partners: NewPartners
+    partners: Counterpart
     words: Array
     """(n,) int64, see `_common`"""
     base: Array
@@ -161,8 +200,8 @@ class PullRun(NamedTuple):
     """(n,) int64: window in which each bond formed"""
     rest: Array
     """(n,) float64 nm: where in that window"""
-    slips: Array
-    """(n,) int64: bonds that each site has lost"""
+    partner: Array
+    """(n,) int64: the partner of each bond"""
     bound: Array
     """(n,) int64: the window at whose beginning the bound of a bond ends"""
     heads: Array
@@ -385,6 +424,93 @@ def _two_sum(reals: Array, at: Int, more: Float) -> None:
 
 
 @hot
+def _partner(i: Int, run: PullRun) -> Int:
+    """The partner of site i at the present position of the slider."""
+    if run.partners.forming.size == 0:
+        return np.int64(0)
+    return (run.counts[CELL] + run.partners.phase[i]) >> CELL_BITS
+
+
+@hot
+def _between(table: Array, u: Float) -> Float:
+    """The quantile at probability u."""
+    at = u * (table.size - 1)
+    low = min(np.int64(at), table.size - 2)
+    return table[low] + (at - low) * (table[low + 1] - table[low])
+
+
+@inner
+def _barriers(i: Int, partner: Int, partners: Counterpart) -> tuple[Float, Float]:
+    """The barriers of site i to forming a bond with a partner and to breaking it, eV."""
+    if partner == 0 or partners.forming.size == 0:
+        return partners.own[i, 0], partners.own[i, 1]
+    u, v = random.uniform_pair(
+        partners.key.k0, partners.key.k1, PARTNER, partners.pixels[i], partner
+    )
+    return (
+        _between(partners.forming, u) + partners.shift[i, 0],
+        _between(partners.breaking, v) + partners.shift[i, 1],
+    )
+
+
+@inner
+def _renew(i: Int, run: PullRun) -> None:
+    """Give the free site i the rate of its present partner."""
+    energy, _ = _barriers(i, _partner(i, run), run.partners)
+    new = fixed_barrier(energy)
+    run.words[i] += 2 * (new - run.base[i])
+    run.base[i] = new
+    run.rates.tree[i] = rate(run.words[i] >> 1, run.model)
+
+
+@inner
+def _meet(passed: Int, run: PullRun) -> None:
+    """New partners for the free sites whose edges lie in the last ``passed`` cells, up to the present one."""
+    partners, rates = run.partners, run.rates
+    blocks, tree = partners.blocks, rates.tree
+    for back in range(min(passed, CELLS)):
+        cell = (run.counts[CELL] - back) & (CELLS - 1)
+        count = np.int64(0)
+        for at in range(partners.first[cell], partners.first[cell + 1]):
+            i = partners.order[at]
+            if run.words[i] & 1 == 0:
+                _renew(i, run)
+                if count == 0 or blocks[count - 1] != i >> 3:
+                    blocks[count] = i >> 3
+                    count += 1
+        # as `refresh`, of many blocks in ascending order
+        for level in range(rates.starts.size - 2):
+            below, above, kept = (
+                rates.starts[level],
+                rates.starts[level + 1],
+                np.int64(0),
+            )
+            for at in range(count):
+                block = blocks[at]
+                tree[above + block] = block_sum(tree, below + 8 * block)
+                if kept == 0 or blocks[kept - 1] != block >> 3:
+                    blocks[kept] = block >> 3
+                    kept += 1
+            count = kept
+
+
+@hot
+def _pass(distance: Float, run: PullRun) -> None:
+    """Move the slider over the counter-body, where sites meet new partners."""
+    reals, width = run.reals, run.partners.width
+    if run.partners.forming.size == 0:
+        return
+    _two_sum(reals, OFFSET, distance)
+    if reals[OFFSET] >= width:
+        passed = np.int64(math.floor(reals[OFFSET] / width))
+        _two_sum(reals, OFFSET, -passed * width)
+        if reals[OFFSET] < 0.0:
+            reals[OFFSET] = reals[OFFSET_LOW] = 0.0
+        run.counts[CELL] += passed
+        _meet(passed, run)
+
+
+@hot
 def _shift(distance: Float, run: PullRun) -> None:
     """Move the slider, and give new bounds to the bonds whose window it has come to."""
     reals, counts = run.reals, run.counts
@@ -452,22 +578,10 @@ def settle(excess: Float, run: PullRun) -> None:
     _two_sum(run.reals, RUBBED, run.drive.friction * way)
     run.counts[RESTS] = 0
     _shift(way, run)
+    _pass(way, run)
 
 
 # -- events --------------------------------------------------------------------------------------------------------
-
-
-@hot
-def _partner_barrier(key: Key, partners: NewPartners, i: Int, slips: Int) -> Float:
-    """The forming barrier of a site (eV) with the partner that it met after so many lost bonds."""
-    table = partners.quantiles
-    u = random.uniform(key.k0, key.k1, PARTNER, partners.pixels[i], slips) * (
-        table.size - 1
-    )
-    low = min(np.int64(u), table.size - 2)
-    return (
-        table[low] + (u - low) * (table[low + 1] - table[low]) + partners.shift[i]
-    )
 
 
 @hot
@@ -490,17 +604,11 @@ def _break(i: Int, run: PullRun) -> None:
         reals[SUM_REST] = reals[SUM_LOW] = 0.0
     counts[BROKEN] += 1
     run.words[i] &= ~1
-    run.slips[i] += 1
-    if run.partners.quantiles.size > 0:
-        new = fixed_barrier(
-            _partner_barrier(run.key, run.partners, i, run.slips[i])
-        )
-        run.words[i] += 2 * (new - run.base[i])
-        run.base[i] = new
-    run.rates.tree[i] = rate(run.words[i] >> 1, run.model)
+    _renew(i, run)
     settle(-_slack(run) if counts[RESTS] else run.bonds.stiffness * stretch, run)
     counts[FALLS] += 1
     force = _force(run)
+    reals[LEAST] = min(reals[LEAST], force)
     if not counts[FALLING] and force < reals[TOP] - SLIP * reals[PEAK]:
         counts[FALLING] = 1
         reals[BOTTOM] = force
@@ -530,6 +638,11 @@ def _change(i: Int, run: PullRun) -> None:
         counts[BONDS] += 1
         counts[FORMED] += 1
         run.words[i] |= 1
+        run.partner[i] = _partner(i, run)
+        if run.partners.forming.size > 0:
+            _, breaking = _barriers(i, run.partner[i], run.partners)
+            model.breaking[i] = breaking
+            run.bonds.barrier[i] = max(breaking, 0.0) / run.bonds.thermal
         _bind(i, _least_barrier(_speed(run, 0.0), run), run)
     count = mark(run.rates, i >> 3, np.int64(0))
     for s in range(degree(model)):
@@ -577,18 +690,25 @@ def _sample(run: PullRun, span: Float, hold: Int) -> None:
 
 @jit
 def present_barriers(
-    key: Key,
-    partners: NewPartners,
-    before: Array,
-    slips: Array,
+    cell: Int,
+    partners: Counterpart,
+    state: Array,
+    partner: Array,
     forming: Array,
+    breaking: Array,
     base: Array,
 ) -> None:
-    """Replace the forming barriers (eV) of sites that have lost bonds since there were ``before`` by those of the
-    present partners; and give all in fixed point."""
-    for i in range(slips.size):
-        if partners.quantiles.size > 0 and slips[i] > before[i]:
-            forming[i] = _partner_barrier(key, partners, i, slips[i])
+    """Fill the barriers (eV) of all sites, forming with the present partner of this cell and breaking with that of the
+    bond; the former in fixed point; and of sites without a bond the ``partner``."""
+    for i in range(state.size):
+        now = np.int64(0)
+        if partners.forming.size > 0:
+            now = (cell + partners.phase[i]) >> CELL_BITS
+        if not state[i]:
+            partner[i] = now
+        forming[i], breaking[i] = _barriers(i, now, partners)
+        if partner[i] != now:
+            _, breaking[i] = _barriers(i, partner[i], partners)
         base[i] = fixed_barrier(forming[i])
 
 
@@ -596,6 +716,7 @@ def present_barriers(
 def start(run: PullRun, goes_on: bool) -> None:
     """Give every bond its bound, that of before where a pull goes on, and let the slider settle."""
     run = borrowed(run)
+    _pass(0.0, run)
     least = _least_barrier(_speed(run, 0.0), run)
     for i in range(run.words.size):
         if run.words[i] & 1:
@@ -609,12 +730,17 @@ def start(run: PullRun, goes_on: bool) -> None:
             refresh(run.rates, mark(run.rates, i >> 3, np.int64(0)))
     if run.counts[RESTS]:
         settle(-_slack(run), run)
+    if not goes_on:
+        run.reals[LEAST] = _force(run)
 
 
 @jit
-def stretches(run: PullRun, out: Array) -> None:
-    """Fill the stretch of every bond at the last time."""
+def ended(run: PullRun, rest: Array, out: Array) -> None:
+    """Fill the stretch of every bond, and where in its cell the slider is (2,), at the last time."""
     _, _, way = _work(run, until(_now(run), run.times[run.times.size - 1]))
+    rest[0], rest[1] = run.reals[OFFSET], run.reals[OFFSET_LOW]
+    if run.partners.forming.size > 0:
+        _two_sum(rest, 0, way)
     for i in range(out.size):
         if run.words[i] & 1:
             out[i] = _present_stretch(i, run) + way
@@ -680,6 +806,17 @@ def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
             edge = _arrives(max(way, 0.0), speed * share, rise * share)
         if edge < step:
             step, event = edge, 1
+        cells = np.int64(0)
+        if (
+            run.partners.forming.size > 0
+            and share > 0.0
+            and (speed > 0.0 or rise > 0.0)
+        ):
+            cells = run.partners.ahead[counts[CELL] & (CELLS - 1)]
+            way = cells * run.partners.width - reals[OFFSET] - reals[OFFSET_LOW]
+            met = _arrives(max(way, 0.0), speed * share, rise * share)
+            if met < step:
+                step, event = met, 3
         if counts[RESTS] and run.drive.spring > 0.0:
             spring = run.drive.spring
             free = _arrives(max(_slack(run), 0.0), spring * speed, spring * rise)
@@ -699,17 +836,26 @@ def advance(run: PullRun, ramp: RampBounds | None, events: Int) -> None:
         reals[HIGH], reals[LOW] = then
         if event != 0:
             reals[LEFT] = max(reals[LEFT] - total * step, 0.0)
-            if event == 2:
+            # exactly to the beginning of the window or cell, whatever the way was rounded to
+            if event == 1:
+                reals[REST] = reals[REST_LOW] = 0.0
+                counts[WINDOW] += ahead
+                _rebind(ahead, run)
+                _pass(way, run)
+            elif event == 2:
                 counts[RESTS] = 0
-                continue
-            # exactly to the beginning of the window, whatever the way was rounded to
-            reals[REST] = reals[REST_LOW] = 0.0
-            counts[WINDOW] += ahead
-            _rebind(ahead, run)
+            else:
+                _shift(way, run)
+                reals[OFFSET] = reals[OFFSET_LOW] = 0.0
+                counts[CELL] += cells
+                _meet(cells, run)
+                at = counts[CELL] & (CELLS - 1)
+                events -= (run.partners.first[at + 1] - run.partners.first[at]) >> 3
             continue
         if counts[RESTS]:
             _two_sum(reals, PULL, pulled)
         _shift(way, run)
+        _pass(way, run)
         i = select(run.rates, reals[CHOICE] * tree_total(run.rates), 0.0)
         v, _ = random.uniform_pair(run.key.k0, run.key.k1, STREAM, counts[EVENT], 1)
         accepted = _takes_place(i, v, run, ramp)

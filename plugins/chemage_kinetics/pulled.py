@@ -29,6 +29,7 @@ from chemage.plugin import (
 )
 from chemage_kinetics._common import Array
 from chemage_kinetics._foreseen import (
+    Renewed,
     flips,
     lifetimes,
     rupture_stretch,
@@ -48,8 +49,12 @@ AFTER_PEAK = 4.0 / 3.0
 RISING = 0.05
 #: sites by which the events of all are estimated
 SAMPLED = 256
-#: CPU seconds of a call, of setting up a site, of a sample of a site, of an event (``tests/benchmarks/estimates.py``)
+#: CPU seconds of a call, of setting up a site, of a sample of a site, of an event (``tests/benchmarks/estimates.py``), and
+#: of a new partner of a site (``tests/benchmarks/pulling.py speed``)
 CALL_SECONDS, SITE_SECONDS, SAMPLE_SECONDS, EVENT_SECONDS = 3.6e-3, 3e-7, 1e-9, 6e-7
+PARTNER_SECONDS = 1e-7
+#: nm between the sites of the counter-body where the chemistry does not say it
+SPACING = 0.45
 #: bytes of a site and of a call, and copies of what is recorded (``tests/benchmarks/memory.py``)
 SITE_BYTES, CALL_BYTES, RECORDED = 300.0, 8e6, 3.0
 #: curves in a figure, at most
@@ -266,6 +271,9 @@ class Pulled(Rupture, Drive):
             + SAMPLE_SECONDS * sites * self.points
         )
         maps = self.frames * (CALL_SECONDS + SITE_SECONDS * sites)
+        if self.partner == "renewed":
+            met = sites * self.distance / self._between(chemistry)
+            pulls += (hold_times + 1) * PARTNER_SECONDS * met
         seconds = pulls + maps + EVENT_SECONDS * float(events.sum() + events[-1])
         return {**numbers, "cpu_seconds": replicas * seconds}
 
@@ -289,8 +297,12 @@ class Pulled(Rupture, Drive):
         # every barrier to forming with another one to breaking
         breaking = chemistry.breaking.quantile((share * SAMPLED * 0.618034) % 1.0)
         wait = waiting(forming, span, nu, temperature)
-        if self.partner == "new":
-            wait = np.maximum(wait, wait.mean())
+        passing = self._between(chemistry) / self.speed
+        if self.partner == "renewed" and passing < span:
+            again = Renewed(forming, passing).waiting(
+                np.zeros(1), span, nu, temperature
+            )
+            wait = np.full(SAMPLED, float(again[0]))
         held = TwoState(
             chemistry.rates(forming, temperature),
             chemistry.rates(breaking, temperature),
@@ -306,6 +318,12 @@ class Pulled(Rupture, Drive):
             last = lifetimes(breaking, self.drive, way, nu, temperature)
             found.append(sites * float(flips(wait, last, bonded, span).mean()))
         return np.array(found)
+
+    def _between(self, chemistry: Chemistry) -> float:
+        """nm between the sites of the counter-body."""
+        density = chemistry.site_density
+        given = SPACING if isinstance(density, str) else density**-0.5
+        return given if self.spacing is None else self.spacing
 
     def remarks(self, observables: Mapping[str, Array]) -> Sequence[str]:
         """Say in how many pulls the force ended at its largest, so that ΔF is no peak."""

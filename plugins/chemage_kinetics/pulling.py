@@ -20,11 +20,12 @@ from chemage.plugin import (
     Pulling,
     Ramp,
     Seed,
+    random,
 )
 from chemage_kinetics import _pulling as kernel
 from chemage_kinetics._common import Array, RampBounds, start_words
 from chemage_kinetics._driver import SLICE, Start, bonded, parts_of
-from chemage_kinetics._foreseen import flips_on
+from chemage_kinetics._foreseen import Renewed, flips_on
 from chemage_kinetics._rejection_free import empty_rates, fill
 
 #: part of k_BT/Δx by which the force on a bond grows within a window
@@ -32,7 +33,7 @@ WINDOW = 1.0
 #: windows that positions are counted in at most, so that their sums over the sites are whole numbers
 MOST_WINDOWS = 2**31
 #: arrays of a run from which the same pull goes on
-_RESUMED = "reals", "counts", "made", "rest", "bound"
+_RESUMED = "reals", "counts", "made", "rest", "bound", "partner"
 #: sums of a run, and what it has of the history from which it goes on
 _CARRIED = (
     (kernel.WORK, "work"),
@@ -81,8 +82,8 @@ class EventDriven(Pulling):
     speed_only = ("most_events",)
 
     most_events: float = Field(default=1e8, gt=0, allow_inf_nan=False)
-    """bonds that may form and break in one pull, which is refused if it has more; 1e8 take 10 s to 2 minutes;
-    default: 1e8"""
+    """bonds that may form and break in one pull, and a tenth of the partners that sites may come to; a pull that has
+    more is refused; 1e8 take 10 s to 2 minutes; default: 1e8"""
 
     def _run(
         self,
@@ -98,33 +99,38 @@ class EventDriven(Pulling):
         """A ramp in parts, each followed at constant bounds of the rates; exact, whatever the parts are."""
         if ramp is None:
             how = lattice, times, temperature, seed, start, drive, partners
-            return self._follow(_Job(self.kind, *how), None)
+            return self._follow(_Job(self.kind, *how, lattice), None)
         begin = since = getattr(start, "time", 0.0)
         seen: list[PullHistory] = []
         assert ramp.lattice is not None
         assert ramp.speed is not None
         span = float(times[-1]) - begin
         rise = (ramp.speed - drive.speed) / span if span else 0.0
-        before = lattice.forming
+        lowest = lattice
         for part in parts_of(lattice, times, begin, temperature, ramp):
-            change = part.lattice.forming - before
-            before = part.lattice.forming
-            if isinstance(start, PullHistory):
-                start = start.raised(change)
-            if partners is not None:
-                partners = partners._replace(shift=partners.shift + change)
-            until = float(part.times[-1])
+            lowest, until = part.lattice, float(part.times[-1])
             mean = drive.speed + rise * ((since + until) / 2 - begin)
             own, since = drive.replace(speed=mean), until
             how = part.lattice, part.times, part.temperature, seed, start
-            job = _Job(self.kind, *how, own, partners, rise)
+            job = _Job(self.kind, *how, own, partners, lattice, rise)
             start = self._follow(job, part.bounds)
             seen.append(start)
         end = drive.replace(speed=ramp.speed).todict()
-        whole = PullHistory.of_parts(seen, temperature=ramp.temperature, drive=end)
-        return whole.raised(ramp.lattice.forming - before)
+        # the barriers of the last part are the lowest in it
+        last = {
+            name: getattr(start, name)
+            + (getattr(ramp.lattice, name) - getattr(lowest, name))
+            for name in ("forming", "breaking")
+        }
+        at_end = {"temperature": ramp.temperature, "drive": end}
+        return PullHistory.of_parts(seen, **at_end, **last)
 
     def _follow(self, job: _Job, ramp: RampBounds | None) -> PullHistory:
+        if job.met > 10 * self.most_events:
+            raise InputError(
+                f"times: sites are to meet {job.met:.2g} partners, more than ten times most_events = "
+                f"{self.most_events:g}; pull less far, from where another pull can go on, or allow more events"
+            )
         self._refuse_more(job.foreseen(self.most_events), job, "are expected to")
         run = job.prepared()
         while not run.counts[kernel.DONE]:
@@ -144,31 +150,37 @@ class EventDriven(Pulling):
             )
 
 
+def _both(lattice: ReactionLattice) -> Array:
+    """(n, 2) eV: forming and breaking barriers."""
+    assert lattice.breaking is not None
+    return np.stack([lattice.forming, lattice.breaking], axis=1)
+
+
 @dataclass(eq=False)
 class _Job(Start):
     """One pull: the arguments of `Pulling._run`, the arrays made from them, and the result."""
 
     drive: Drive
-    new_partners: Partners | None
+    counterpart: Partners | None
+    whole: ReactionLattice
+    """the lattice for which there are partners; where the conditions change, that at the beginning"""
     rise: float = 0.0
     """nm/s², of the speed of the drive, which is a mean one"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        lattice, drive, partners = self.lattice, self.drive, self.new_partners
+        drive = self.drive
         self.before = self.start if isinstance(self.start, PullHistory) else None
         # the random numbers of the pending event are used up
         self.event = self.carried("event") + (
             self.pending is not None and "event" in self.pending
         )
-        self.slips = self.carried_draws("slips")
-        self.forming = np.array(lattice.forming)
-        if self.before is not None:
-            self.slips = np.array(self.before.slips)
-            met = self.slips > 0
-            self.forming[met] = self.before.forming[met]
+        #: cell of the slider, where in it, and the partner of each bond
+        self.cell, self.offset = self.carried("cell"), np.zeros(2)
+        if self.pending is not None and "offset" in self.pending:
+            self.offset = np.array(self.pending.offset("offset"))
+        self.partner = self.carried_draws("partner")
         thermal = KB * self.temperature
-        assert lattice.breaking is not None
         gain = (
             drive.bond_stiffness
             * drive.transition_distance
@@ -177,11 +189,12 @@ class _Job(Start):
         )
         window = WINDOW / gain if gain > 0 else 1.0
         self.bonds = kernel.Bonds(
-            np.maximum(lattice.breaking, 0.0) / thermal,
+            np.empty(self.state.size),
             drive.exponent,
             gain,
             drive.bond_stiffness,
             window,
+            thermal,
         )
         half = (float(self.times[-1]) - self.time) / 2
         self.pull = kernel.SliderDrive(
@@ -191,12 +204,62 @@ class _Job(Start):
             self.rise,
             self.time,
         )
-        quantiles, shift = np.empty(0), np.empty(0)
-        if partners is not None:
-            quantiles = np.array(partners.quantiles, np.float64)
-            shift = np.ascontiguousarray(partners.shift, np.float64)
-        self.partners = kernel.NewPartners(quantiles, shift, lattice.random_index)
+        self.partners = self._partners()
         self._refuse_too_much()
+        if self.goes_on:
+            assert self.before is not None
+            self.cell = int(self.before.resume["counts"][kernel.CELL])
+        self.forming, self.breaking, self.base = self._present(
+            self.cell, self.state, self.partner
+        )
+        self.bonds.barrier[:] = np.maximum(self.breaking, 0.0) / thermal
+
+    def _present(
+        self, cell: int, state: Array, partner: Array
+    ) -> tuple[Array, Array, Array]:
+        """The barriers (eV) to forming a bond with the present partners and to breaking those there are, the former in
+        fixed point as well; ``partner`` of sites without a bond is set."""
+        n = state.size
+        forming, breaking, base = np.empty(n), np.empty(n), np.empty(n, np.int64)
+        where = self.partners, state, partner, forming, breaking, base
+        kernel.present_barriers(cell, *where)
+        forming.setflags(write=False)
+        breaking.setflags(write=False)
+        return forming, breaking, base
+
+    def _partners(self) -> kernel.Counterpart:
+        """What the sites meet."""
+        lattice, there = self.lattice, self.counterpart
+        own = _both(lattice)
+        key = kernel.Key(*random.key(self.seed))
+        if there is None:
+            none, empty = np.empty(0), np.empty(0, np.int64)
+            kept = empty, empty, math.inf, empty, empty, empty, empty
+            return kernel.Counterpart(key, own, none, none, np.empty((0, 2)), *kept)
+        shift = own - _both(self.whole)
+        shift[:, 0] += there.shift
+        pixels = np.array(lattice.random_index)
+        phase = random.uniforms(self.seed, kernel.PHASE, pixels) * kernel.CELLS
+        phase = phase.astype(np.int64)
+        cells = -phase % kernel.CELLS
+        first = np.searchsorted(np.sort(cells), np.arange(kernel.CELLS + 1))
+        some = np.append(np.unique(cells), kernel.CELLS)
+        every = np.arange(kernel.CELLS)
+        following = some[np.searchsorted(some, every, side="right")]
+        return kernel.Counterpart(
+            key,
+            own,
+            np.array(there.forming, np.float64),
+            np.array(there.breaking, np.float64),
+            shift,
+            pixels,
+            phase,
+            there.spacing / float(kernel.CELLS),
+            np.argsort(cells.astype(np.int16), kind="stable"),
+            first,
+            following - every,
+            np.empty(np.diff(first).max(initial=0), np.int64),
+        )
 
     def _refuse_too_much(self) -> None:
         """Refuse what would take for ever, or lose digits."""
@@ -211,21 +274,33 @@ class _Job(Start):
 
     def foreseen(self, enough: float) -> float:
         """About how many bonds form and break, or a bound below ``enough``."""
-        quantiles, shift = self.partners.quantiles, self.partners.shift
-        again = None
-        if quantiles.size and shift.size:
-            few = np.linspace(0, quantiles.size - 1, FEW).astype(int)
-            again = quantiles[few] + float(shift.mean())
+        met, again = self.partners, None
+        span, moves = float(self.times[-1]) - self.time, self.drive.speed
+        passing = met.width * kernel.CELLS / moves if moves > 0 else math.inf
+        if met.forming.size and passing < span:
+            few = np.linspace(0, met.forming.size - 1, FEW).astype(int)
+            again = Renewed(met.forming[few] + met.shift[:, 0].mean(), passing)
         lattice = self.lattice.model_copy(update={"forming": self.forming})
-        span = float(self.times[-1]) - self.time
         return flips_on(
             lattice, self.drive, span, self.temperature, self.state, again, enough
         )
 
+    @property
+    def met(self) -> float:
+        """Partners that sites come to."""
+        way = self.drive.speed * (float(self.times[-1]) - self.time)
+        return self.state.size * way / (self.partners.width * kernel.CELLS)
+
     def identity(self) -> dict[str, Array]:
         """What must be equal for the pending event to hold."""
         pulled = [self.temperature, *self.bonds[1:], *self.pull[:3]]
-        partners = [self.partners.quantiles.sum(), self.partners.shift.sum()]
+        met = self.partners
+        partners = [
+            met.forming.sum(),
+            met.breaking.sum(),
+            met.shift.sum(),
+            met.width,
+        ]
         return {
             **super().identity(),
             "pulled": np.array(pulled, np.float64),
@@ -240,27 +315,23 @@ class _Job(Start):
     def prepared(self) -> kernel.PullRun:
         """The state of the contact at the start."""
         n, before = self.state.size, self.before
-        words, base = np.empty(n, np.int64), np.empty(n, np.int64)
-        kernel.present_barriers(
-            self.key, self.partners, self.slips, self.slips, self.forming, base
-        )
-        self.forming.setflags(write=False)
+        words = np.empty(n, np.int64)
         start_words(self.forming, self.model, self.state, words)
         rates = empty_rates(n, self.model.neighbours.shape[1], listing=False)
         fill(words, self.model, rates)
         m = self.times.size
         run = kernel.PullRun(
             key=self.key,
-            model=self.model,
+            model=self.model._replace(breaking=np.array(self.breaking)),
             bonds=self.bonds,
             drive=self.pull,
             partners=self.partners,
             words=words,
-            base=base,
+            base=self.base,
             rates=rates,
             made=np.zeros(n, np.int64),
             rest=np.zeros(n),
-            slips=self.slips.copy(),
+            partner=self.partner,
             bound=np.zeros(n, np.int64),
             heads=np.full(kernel.RING, -1, np.int64),
             links=np.full((n, 2), -1, np.int64),
@@ -294,6 +365,8 @@ class _Job(Start):
         counts[kernel.BONDS] = int(np.count_nonzero(self.state))
         counts[kernel.FORMED], counts[kernel.BROKEN] = self.counted
         counts[kernel.FIRST], counts[kernel.EVENT] = 1, self.event
+        counts[kernel.CELL] = self.cell
+        reals[[kernel.OFFSET, kernel.OFFSET_LOW]] = self.offset
         force = 0.0
         if before is not None:
             run.rest[:] = -before.stretch
@@ -324,7 +397,10 @@ class _Job(Start):
         curves = {name: run.samples[:, at] for name, at in _SAMPLED.items()}
         bonds, formed, broken = run.tallies.T
         state, stretch = bonded(run.words), np.zeros(run.words.size)
-        kernel.stretches(run, stretch)
+        offset = np.zeros(2)
+        kernel.ended(run, offset, stretch)
+        cell = run.counts[[kernel.CELL]]
+        forming, breaking, _ = self._present(int(cell[0]), state, run.partner)
         force, displacement = curves["force"], curves["displacement"]
         highest = int(np.argmax(force))
         peaks = [
@@ -338,12 +414,8 @@ class _Job(Start):
                 (earlier.peak, earlier.peak_displacement, earlier.peak_time)
             )
         peak, at, when = map(float, max(peaks, key=lambda one: one[0]))
-        forming, base = self.forming.copy(), np.empty(state.size, np.int64)
-        kernel.present_barriers(
-            self.key, self.partners, self.slips, run.slips, forming, base
-        )
         resume = {name: getattr(run, name) for name in _RESUMED}
-        resume["event"] = run.counts[[kernel.EVENT]]
+        resume |= {"event": run.counts[[kernel.EVENT]], "cell": cell}
         return PullHistory(
             times=self.times,
             **curves,
@@ -352,8 +424,8 @@ class _Job(Start):
             broken=broken,
             state=state,
             stretch=stretch,
-            slips=run.slips,
             forming=forming,
+            breaking=breaking,
             avalanches=run.slip_sizes,
             largest_drop=float(reals[kernel.LARGEST]),
             peak=peak,
@@ -363,5 +435,6 @@ class _Job(Start):
             temperature=self.temperature,
             engine=self.kind,
             drive=self.drive.todict(),
-            resume={**self.identity(), **resume},
+            least=float(reals[kernel.LEAST]),
+            resume={**self.identity(), **resume, "offset": offset},
         )
