@@ -74,10 +74,26 @@ def _drive(trial: Trial, **changes: Any) -> Drive:
 
 
 def _partners(trial: Trial, n: int) -> Partners:
-    """Forming barriers within 8 % of the usual one, at three pressures."""
-    middle = _at(trial).forming[0]
-    quantiles = middle * np.linspace(0.92, 1.08, 4001)
-    return Partners(quantiles, -0.04 * middle * (np.arange(n) % 3))
+    """Forming barriers within 8 % of the usual one, at three pressures, and two breaking barriers; so near to each other
+    that no bond breaks in the spacing in which it formed, and that it is at any place between two when it breaks."""
+    group = _at(trial)
+    (middle,), (breaking,) = group.forming, group.breaking or (np.inf,)
+    forming = middle * np.linspace(0.92, 1.08, 4001)
+    shift = -0.04 * middle * (np.arange(n) % 3)
+    return Partners(forming, breaking * np.repeat([0.97, 1.03], 2000), shift, 0.01)
+
+
+def _free_way(trial: Trial, met: Partners, speed: float) -> np.ndarray:
+    """nm that the slider goes, in the mean, until a site binds whose bond broke between two partners, for each shift of
+    ``met``: it is left the rest of one spacing, then whole ones, over which ``few`` of the partners do not bind."""
+    barriers = met.forming + np.unique(met.shift)[::-1, None]
+    rates = trial.attempt_frequency * np.exp(-barriers / (KB * trial.temperature))
+    met_for = rates * (met.spacing / speed)
+    binds = -np.expm1(-met_for)
+    few = binds / met_for
+    first = ((1 - few) / met_for).mean(axis=1)
+    whole = few.mean(axis=1) / binds.mean(axis=1)
+    return met.spacing * (first + few.mean(axis=1) * whole)
 
 
 def _hazard(
@@ -149,7 +165,7 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             "at another speed": {"speed": 3e4},
             "of which every third is bonded at first": {"begin": 3},
             "with other breaking barriers": {"raised": 0.02},
-            "with new partners": {"partner": "new"},
+            "with other partners": {"partner": "renewed"},
         }
 
         def ask(
@@ -169,7 +185,7 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             n = lattice.sites.size
             start = np.arange(n) % max(begin, 1) == 1 - begin % 2
             drive = _drive(trial, speed=speed, partner=partner)
-            partners = _partners(trial, n) if partner == "new" else None
+            partners = _partners(trial, n) if partner == "renewed" else None
             times = np.linspace(0, 1.0 / speed, 5)
             return lambda engine: _bytes(
                 engine.run(
@@ -242,26 +258,35 @@ class PullingChecks(Checks[Pulling], of=Pulling):
 
     @known
     def steady_sliding_is_the_closed_form(self) -> None:
-        """Independent sites in steady sliding carry Ḟ∫tS dt/(1/k_on + ∫S dt) each (Schallamach 1963), with the mean of
-        1/k_on over the partners that a site meets."""
+        """Independent sites in steady sliding carry Ḟ∫tS dt/(1/k_on + ∫S dt) each (Schallamach 1963); where they meet
+        others, with the mean way to the next bond and of both integrals over the partners."""
         n, stretch = 300, np.linspace(0, 0.4, 100_001)
         speeds = (1e2, 1e4, 1e5)
         for trial, speed in zip(SITUATIONS, cycle(speeds)):
             group = _at(trial)
             lattice, _ = trial.placed(group, n)
             drive = _drive(trial, speed=speed, partner=trial.partner)
-            hazard = _hazard(trial, drive, group, stretch)
-            survival = np.exp(-hazard) * stretch[1]
-            partners, barriers = None, np.array(group.forming)
-            if trial.partner == "new":
-                partners = _partners(trial, n)
-                barriers = partners.quantiles + partners.shift[:, None]
-            thermal = KB * trial.temperature
-            waits = (
-                np.exp(barriers / thermal).mean(axis=-1) / trial.attempt_frequency
+            partners, breaking = None, group.breaking or (np.inf,)
+            (barrier,) = group.forming
+            pace = trial.attempt_frequency * np.exp(
+                -barrier / (KB * trial.temperature)
             )
-            cycles = speed * np.atleast_1d(waits) + float(survival.sum())
-            carried = float(stretch @ survival)
+            free = np.array([speed / pace])
+            if trial.partner == "renewed":
+                partners = _partners(trial, n)
+                breaking = tuple(np.unique(partners.breaking))
+                free = _free_way(trial, partners, speed)
+            survival = np.mean(
+                [
+                    np.exp(
+                        -_hazard(trial, drive, Group((barrier,), (one,)), stretch)
+                    )
+                    for one in breaking
+                ],
+                axis=0,
+            )
+            cycles = free + stretch[1] * float(survival.sum())
+            carried = stretch[1] * float(stretch @ survival)
             expected = drive.bond_stiffness * float((carried / cycles).mean())
             times = np.array([8.0, 30.0]) * float(cycles.max()) / speed
             works = [
@@ -354,9 +379,9 @@ class PullingChecks(Checks[Pulling], of=Pulling):
             )
             change = {"spring": 100.0, "friction": 3.0} if number % 2 else {}
             drive, more = _drive(trial, partner=trial.partner, **change), {}
-            if trial.partner == "new":
+            if trial.partner == "renewed":
                 made = partners_of(replica.chemistry, lattice, replica.contact)
-                more = {"partners": Partners(made.quantiles - lower, made.shift)}
+                more = {"partners": made._replace(forming=made.forming - lower)}
             times = np.linspace(0, 1e-4, 100)
             with naming(trial):
                 whole_run, first, once = (
@@ -390,12 +415,25 @@ class PullingChecks(Checks[Pulling], of=Pulling):
                 require(bool(whole_run.broken[-1]), "no bond broke")
 
     def at_rest_nothing_moves(self) -> None:
-        """Without a speed nothing moves and no work is done; stretched bonds relax; the state goes back to a hold."""
+        """Without a speed nothing moves, no site meets another and no work is done; stretched bonds relax; the state goes
+        back to a hold."""
         n = 80
         lattice, _ = USUALLY.placed(USUAL, n)
-        drive, still = _drive(USUALLY), _drive(USUALLY, speed=0.0)
-        pulled = self._run(lattice, drive, [0.1 / 1e4], start=np.ones(n, bool))
-        held = self._run(lattice, still, [1.0, 1e3], start=pulled)
+        drive, more = _drive(USUALLY), {"partners": _partners(USUALLY, n)}
+        moving, still = (
+            _drive(USUALLY, speed=speed, partner="renewed") for speed in (1e4, 0.0)
+        )
+        begin = np.ones(n, bool)
+        pulled = self._run(lattice, moving, [0.1 / 1e4], start=begin, **more)
+        held = self._run(lattice, still, [1.0, 1e3], start=pulled, **more)
+        require(
+            np.array_equal(held.forming, pulled.forming),
+            "sites meet others although the drive stands still",
+        )
+        require(
+            len(np.unique(pulled.forming)) > n / 2,
+            "sites do not meet others although the slider moves",
+        )
         require(
             (held.displacement == pulled.displacement[-1]).all(),
             "the slider moves although the drive stands still",
@@ -420,9 +458,9 @@ class PullingChecks(Checks[Pulling], of=Pulling):
         )
 
     def what_cannot_be_pulled_is_refused(self) -> None:
-        """Bonds that last, times before the start and new partners that are not given are refused."""
+        """Bonds that last, times before the start and partners that are not given are refused."""
         lattice, _ = USUALLY.placed(USUAL, 5)
-        drive, new = _drive(USUALLY), _drive(USUALLY, partner="new")
+        drive, new = _drive(USUALLY), _drive(USUALLY, partner="renewed")
         lasting = lattice.model_copy(update={"breaking": None})
         first = self._run(lattice, drive, [1e-5])
         refuses("bonds that last", lambda: self._run(lasting, drive, [1.0]))

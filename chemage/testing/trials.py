@@ -148,8 +148,8 @@ class Trial:
     """s, or how many from 0.1 s to 1e4 s"""
     start: Literal["fresh", "after hold", "after pull"] = "fresh"
     """what went before: nothing, a hold, or a pull"""
-    partner: Literal["kept", "new"] = "kept"
-    """what a site meets whose bond broke in a pull"""
+    partner: Literal["kept", "renewed"] = "kept"
+    """whether sites meet others while they slide"""
     seed: int = 3
 
     def __repr__(self) -> str:
@@ -235,19 +235,27 @@ class Trial:
             self.temperature,
             "by-hand",
             broken=3 * (self.start != "fresh"),
-            resume={"slips": np.arange(n) % 3}
-            if self.start == "after pull"
-            else {},
+            resume=self._slid(n),
         )
         return Bonded(contact, chemistry, lattice, history)
+
+    def _slid(self, n: int) -> dict[str, np.ndarray]:
+        """What a pull hands on: the counter of its events, where the slider is, and the partners of the bonds."""
+        if self.start != "after pull":
+            return {}
+        numbers = {"event": np.array([7]), "cell": np.array([9000])}
+        return {
+            **numbers,
+            "offset": np.array([1e-6, 0.0]),
+            "partner": np.arange(n) % 3,
+        }
 
     def before(
         self, lattice: ReactionLattice, state: np.ndarray, time: float
     ) -> BondHistory:
         """A hold of another engine to ``time`` s, or the history of a pull, from which a run goes on."""
         n = lattice.sites.size
-        used = {"event": np.array([7]), "slips": np.arange(n) % 3}
-        resume = used if self.start == "after pull" else {}
+        resume = self._slid(n)
         given = ([time], state[None], self.temperature, "another", 3)
         return history_of(lattice, *given, resume=resume)
 
@@ -317,7 +325,7 @@ TRIALS = (
         coupled=False,
         hydroxylation=0.7,
         start="after pull",
-        partner="new",
+        partner="renewed",
         seed=4,
     ),
     Trial(
@@ -328,7 +336,7 @@ TRIALS = (
         hydroxylation=0.6,
         attempt_frequency=1e12,
         hold_times=(1.0, 1.0, 10.0),
-        partner="new",
+        partner="renewed",
         seed=5,
     ),
 )

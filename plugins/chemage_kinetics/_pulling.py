@@ -439,25 +439,34 @@ def _between(table: Array, u: Float) -> Float:
     return table[low] + (at - low) * (table[low + 1] - table[low])
 
 
+@hot
+def _uniforms(i: Int, partner: Int, partners: Counterpart) -> tuple[Float, Float]:
+    key = partners.key
+    return random.uniform_pair(key.k0, key.k1, PARTNER, partners.pixels[i], partner)
+
+
 @inner
-def _barriers(i: Int, partner: Int, partners: Counterpart) -> tuple[Float, Float]:
-    """The barriers of site i to forming a bond with a partner and to breaking it, eV."""
+def _forming(i: Int, partner: Int, partners: Counterpart) -> Float:
+    """The barrier of site i to forming a bond with a partner, eV."""
     if partner == 0 or partners.forming.size == 0:
-        return partners.own[i, 0], partners.own[i, 1]
-    u, v = random.uniform_pair(
-        partners.key.k0, partners.key.k1, PARTNER, partners.pixels[i], partner
-    )
-    return (
-        _between(partners.forming, u) + partners.shift[i, 0],
-        _between(partners.breaking, v) + partners.shift[i, 1],
-    )
+        return partners.own[i, 0]
+    u, _ = _uniforms(i, partner, partners)
+    return _between(partners.forming, u) + partners.shift[i, 0]
 
 
 @inner
-def _renew(i: Int, run: PullRun) -> None:
-    """Give the free site i the rate of its present partner."""
-    energy, _ = _barriers(i, _partner(i, run), run.partners)
-    new = fixed_barrier(energy)
+def _breaking(i: Int, partner: Int, partners: Counterpart) -> Float:
+    """That to breaking it, eV."""
+    if partner == 0 or partners.forming.size == 0:
+        return partners.own[i, 1]
+    _, u = _uniforms(i, partner, partners)
+    return _between(partners.breaking, u) + partners.shift[i, 1]
+
+
+@inner
+def _renew(i: Int, partner: Int, run: PullRun) -> None:
+    """Give the free site i the rate of this partner."""
+    new = fixed_barrier(_forming(i, partner, run.partners))
     run.words[i] += 2 * (new - run.base[i])
     run.base[i] = new
     run.rates.tree[i] = rate(run.words[i] >> 1, run.model)
@@ -470,11 +479,12 @@ def _meet(passed: Int, run: PullRun) -> None:
     blocks, tree = partners.blocks, rates.tree
     for back in range(min(passed, CELLS)):
         cell = (run.counts[CELL] - back) & (CELLS - 1)
+        partner = (run.counts[CELL] + (-cell & (CELLS - 1))) >> CELL_BITS
         count = np.int64(0)
         for at in range(partners.first[cell], partners.first[cell + 1]):
             i = partners.order[at]
             if run.words[i] & 1 == 0:
-                _renew(i, run)
+                _renew(i, partner, run)
                 if count == 0 or blocks[count - 1] != i >> 3:
                     blocks[count] = i >> 3
                     count += 1
@@ -604,7 +614,7 @@ def _break(i: Int, run: PullRun) -> None:
         reals[SUM_REST] = reals[SUM_LOW] = 0.0
     counts[BROKEN] += 1
     run.words[i] &= ~1
-    _renew(i, run)
+    _renew(i, _partner(i, run), run)
     settle(-_slack(run) if counts[RESTS] else run.bonds.stiffness * stretch, run)
     counts[FALLS] += 1
     force = _force(run)
@@ -640,7 +650,7 @@ def _change(i: Int, run: PullRun) -> None:
         run.words[i] |= 1
         run.partner[i] = _partner(i, run)
         if run.partners.forming.size > 0:
-            _, breaking = _barriers(i, run.partner[i], run.partners)
+            breaking = _breaking(i, run.partner[i], run.partners)
             model.breaking[i] = breaking
             run.bonds.barrier[i] = max(breaking, 0.0) / run.bonds.thermal
         _bind(i, _least_barrier(_speed(run, 0.0), run), run)
@@ -706,9 +716,8 @@ def present_barriers(
             now = (cell + partners.phase[i]) >> CELL_BITS
         if not state[i]:
             partner[i] = now
-        forming[i], breaking[i] = _barriers(i, now, partners)
-        if partner[i] != now:
-            _, breaking[i] = _barriers(i, partner[i], partners)
+        forming[i] = _forming(i, now, partners)
+        breaking[i] = _breaking(i, partner[i], partners)
         base[i] = fixed_barrier(forming[i])
 
 

@@ -17,16 +17,17 @@ ENGINES = ["independent", "next-reaction", "auto", "rejection-free", "bkl"]
 N = 2000
 #: the barrier over which a site waits for ln 2 / Hz seconds, half of them for a second
 HALF = float(KT * np.log(1e13 / np.log(2)))
-#: what new partners bring: the same barrier again
-SAME = Partners(np.full(2, HALF), np.zeros(N))
+#: of other partners the barriers are the same
+SAME = Partners(np.full(2, HALF), np.full(2, HALF), np.zeros(N), 1.0)
 
 
 def step(kind: str, lattice, start, span: float, seed, **drive):
-    """A hold with the engine ``kind``, or with "kept" or "new" a pull, for ``span`` seconds."""
+    """A hold with the engine ``kind``, or with "kept" or "renewed" a pull, for ``span`` seconds."""
     time = span if start is None else start.time + span
-    if kind in ("kept", "new"):
+    if kind in ("kept", "renewed"):
         pulled_by = drive_of(**{"speed": 0.0, "partner": kind, **drive})
-        return EXACT.run(lattice, pulled_by, [time], temperature=300, seed=seed, start=start, partners=SAME)
+        partners = SAME._replace(breaking=lattice.breaking[:2])
+        return EXACT.run(lattice, pulled_by, [time], temperature=300, seed=seed, start=start, partners=partners)
     before = start.history if isinstance(start, PullHistory) else start
     return ca.engine(kind).run(lattice, [time], temperature=300, seed=seed, start=before)
 
@@ -43,11 +44,11 @@ def independent(one: np.ndarray, other: np.ndarray) -> float:
     [
         [*ENGINES, *ENGINES],
         ["rejection-free", "kept", "rejection-free", "bkl", "rejection-free", "next-reaction", "rejection-free"],
-        ["bkl", "kept", "bkl", "new", "kept", "bkl", "independent", "kept"],
-        ["next-reaction", "kept", "next-reaction", "rejection-free", "next-reaction", "new", "next-reaction"],
-        ["independent", "new", "independent", "kept", "independent", "bkl", "independent", "kept", "new"],
-        ["auto", "kept", "auto", "new", "auto", "bkl", "auto"],
-        ["kept", "auto", "kept", "rejection-free", "kept", "kept", "new", "next-reaction", "new"],
+        ["bkl", "kept", "bkl", "renewed", "kept", "bkl", "independent", "kept"],
+        ["next-reaction", "kept", "next-reaction", "rejection-free", "next-reaction", "renewed", "next-reaction"],
+        ["independent", "renewed", "independent", "kept", "independent", "bkl", "independent", "kept", "renewed"],
+        ["auto", "kept", "auto", "renewed", "auto", "bkl", "auto"],
+        ["kept", "auto", "kept", "rejection-free", "kept", "kept", "renewed", "next-reaction", "renewed"],
     ],
     ids=lambda chain: chain[0] + f" and {len(chain) - 1} more",
 )
@@ -64,7 +65,7 @@ def test_every_step_of_a_chain_flips_sites_of_its_own(chain, seed):
     assert min(independent(one, other) for one, other in combinations(odd, 2)) > 1e-5
 
 
-@pytest.mark.parametrize("partner", ["kept", "new"])
+@pytest.mark.parametrize("partner", ["kept", "renewed"])
 @pytest.mark.parametrize(("first", "last"), [*((kind, kind) for kind in ENGINES), ("rejection-free", "bkl")])
 def test_a_hold_after_a_pull_goes_on_with_fresh_numbers(first, last, partner):
     """One half-life each: 3/4 bonded after a pull that breaks nothing, half of all after one that breaks everything."""
@@ -81,20 +82,21 @@ def test_a_hold_after_a_pull_goes_on_with_fresh_numbers(first, last, partner):
 
 
 @pytest.mark.parametrize("seed", [5, random.CommonSeed(5)], ids=["hashed", "common"])
-def test_partners_after_a_hold_are_others_and_stay_until_a_bond_breaks(seed):
-    lattice, partners = lattice_of(N, 0.55, 1.1), Partners(np.linspace(0.5, 0.6, 1000), np.zeros(N))
-    drive, start, met = drive_of(1e9, partner="new"), None, []
+def test_partners_after_a_hold_are_those_of_the_position(seed):
+    """Of three slips by two spacings with holds between them, which pass the position on, as of one slip."""
+    lattice = lattice_of(N, 0.55, 1.1)
+    partners = Partners(np.linspace(0.5, 0.6, 1000), np.full(2, 1.1), np.zeros(N), 0.5)
+    drive, start, met, how = drive_of(1e9, partner="renewed"), None, [], {"temperature": 300, "seed": seed}
     for _ in range(3):
-        hold = ca.engine("bkl").run(lattice, [1.0 if start is None else start.time + 1.0], temperature=300, seed=seed,
-                                    start=None if start is None else start.history)  # fmt: skip
+        time, there = 1.0 if start is None else start.time + 1.0, lattice
+        if start is not None:
+            there, start = start.lattice_after(lattice), start.history
+        hold = ca.engine("bkl").run(there, [time], start=start, **how)
         assert hold.state.all()
-        start = EXACT.run(lattice, drive, [hold.time, hold.time + 1e-9], temperature=300, seed=seed, start=hold,
-                          partners=partners)  # fmt: skip
-        still = EXACT.run(lattice, drive_of(0.0), [start.time], temperature=300, seed=seed, start=start)
-        np.testing.assert_array_equal(still.forming, start.forming)
-        lattice = start.lattice_after(lattice)
+        start = EXACT.run(lattice, drive, [time, time + 1e-9], start=hold, partners=partners, **how)
         met.append(start.forming)
-    assert (start.slips == 3).all()
+    whole = EXACT.run(lattice, drive, [3e-9], partners=partners, **how)
+    assert np.mean(whole.forming == start.forming) > 0.998
     assert min(kstest((one - 0.5) / 0.1, "uniform").pvalue for one in met) > 1e-4
     for one, other in combinations(met, 2):
         assert abs(np.corrcoef(one, other)[0, 1]) < 4.5 / N**0.5

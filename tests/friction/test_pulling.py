@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from importlib import resources
 from types import ModuleType, SimpleNamespace
 
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 from pulled_models import (
     Independent,
+    Renewed,
     chi_square,
     codes,
     drive_of,
@@ -26,6 +28,13 @@ from chemage import InputError
 from chemage.plugin import Output, PlottedResult, PluginError, PullHistory, hookimpl, plan, record, registry
 
 EXACT = ca.pulling("event-driven")
+
+
+def partners_of(n: int, forming, breaking, spacing: float = 0.5) -> ca.plugin.Partners:
+    """The same for all sites."""
+    return ca.plugin.Partners(
+        *(np.resize(each, max(np.size(each), 2)) for each in (forming, breaking)), np.zeros(n), spacing
+    )
 
 
 def run(lattice, drive, times, **options) -> PullHistory:
@@ -109,7 +118,9 @@ def test_the_master_equation_of_interacting_patches(seed, speed):
     end = 1.04 * law.mean_forces(np.array([1.1]), 300.0)[0] / 10 / speed
     expected = master_equation(lattice, drive, end, 100)
     pulled = run(lattice, drive, [end], seed=seed, start=all_bonded(lattice))
-    assert pulled.slips.max() == 1
+    # bonds that form in the pull are too young to break
+    first = pulled.stretch > (1 - 1e-9) * pulled.displacement[-1]
+    assert pulled.broken[-1] == 9 * count - np.count_nonzero(first)
     assert 0.2 < pulled.formed[-1] / pulled.broken[-1] < 0.8
     assert chi_square(codes(pulled, count), expected, count) > 1e-4
 
@@ -191,7 +202,7 @@ def test_no_bond_one_bond_and_a_pull_without_a_hold():
     single = np.arange(50) == 7
     one = run(lattice, drive_of(1e3), np.linspace(0, 1e-3, 11), start=single)
     assert 1.5 < one.peak < 3
-    assert (one.broken[-1], one.slips[7], one.bonds[-1]) == (1, 1, 0)
+    assert (one.broken[-1], one.bonds[-1]) == (1, 0)
     assert one.dissipated[-1] == pytest.approx(one.peak**2 / 20, rel=1e-9)
     empty = ca.ReactionLattice(pixels=(1, 1), sites=[], forming=[], breaking=[])
     assert run(empty, drive_of(1.0), [1.0]).peak == 0
@@ -234,18 +245,18 @@ def test_the_peak_is_that_of_this_pull():
     assert still.peak < 0.5 * more.peak
 
 
-def test_events_are_foreseen_with_couplings_and_with_new_partners():
+def test_events_are_foreseen_with_couplings_and_with_other_partners():
     """What is refused is known before: bonds that help each other to form do so a million times as often."""
     ring = np.arange(40)
     graph = np.stack([(ring + 1) % 40, (ring - 1) % 40], axis=1).astype(np.int32)
     helped = lattice_of(40, 0.65, 0.5).model_copy(
         update={"neighbours": graph, "coupling": np.full((40, 2), -0.15, np.float32)}
     )
-    partners = ca.plugin.Partners(np.linspace(0.3, 0.5, 100), np.zeros(40))
+    partners = partners_of(40, np.linspace(0.3, 0.5, 100), 0.5, spacing=1e-4)
     for lattice, drive, span in (
         (helped, drive_of(1.0), 1e-3),
         (lattice_of(40, 0.3, 0.5), drive_of(1.0), 1e-3),
-        (lattice_of(40, 0.5, 0.5), drive_of(1.0, partner="new"), 1e-2),
+        (lattice_of(40, 0.5, 0.5), drive_of(1.0, partner="renewed"), 1e-2),
         (lattice_of(40, 0.4, 1.0), drive_of(1e6), 1e-4),
     ):
         pulled = run(lattice, drive, [span], seed=3, start=all_bonded(lattice), partners=partners)
@@ -283,20 +294,22 @@ def test_a_step_of_ten_decades_in_rate():
 def test_hold_pull_and_hold_are_one_history():
     lattice = patches(30, 5, forming=0.75, breaking=1.1)
     hold = ca.engine("rejection-free").run(lattice, [0.1, 1.0], temperature=300, seed=1)
-    partners = ca.plugin.Partners(np.linspace(0.7, 0.9, 100), np.zeros(270))
-    drive = drive_of(1.0, partner="new", spring=500.0)
+    partners = partners_of(270, np.linspace(0.7, 0.9, 100), np.linspace(1.0, 1.2, 100))
+    drive = drive_of(1.0, partner="renewed", spring=500.0)
     times = 1.0 + np.linspace(0, 2.0, 21)
     whole = run(lattice, drive, times, seed=2, start=hold, partners=partners)
     first = run(lattice, drive, times[:8], seed=2, start=hold, partners=partners)
     rest = run(lattice, drive, times[8:], seed=2, start=first, partners=partners)
     assert rest.force.tobytes() == whole.force[8:].tobytes()
     assert (rest.digest() == whole.digest()) == (rest.times.size == whole.times.size)
-    for name in ("state", "stretch", "slips", "forming", "avalanches"):
+    for name in ("state", "stretch", "forming", "breaking", "avalanches"):
         np.testing.assert_array_equal(getattr(rest, name), getattr(whole, name))
-    assert whole.slips.max() > 0
-    changed = whole.slips > 0
-    assert (whole.forming[~changed] == lattice.forming[~changed]).all()
-    assert (whole.forming[changed] != lattice.forming[changed]).all()
+    assert (rest.peak, rest.least) == (whole.peak, whole.least)
+    # most have come to another partner; bonds keep the one with which they formed
+    assert np.mean(whole.forming != lattice.forming) > 0.5
+    old = whole.state & (whole.stretch >= whole.displacement[-1])
+    assert old.any()
+    assert (whole.breaking[old] == lattice.breaking[old]).all()
     after = ca.engine("rejection-free").run(
         whole.lattice_after(lattice), [10.0, 100.0], temperature=300, seed=3, start=whole.history
     )
@@ -304,20 +317,152 @@ def test_hold_pull_and_hold_are_one_history():
     assert after.fault() == ""
 
 
-def test_new_partners_are_a_function_of_seed_site_and_slips():
-    lattice = lattice_of(400, 0.5, 0.8)
-    partners = ca.plugin.Partners(np.linspace(0.4, 0.6, 1000), np.full(400, -0.05))
-    ways = [
-        run(lattice, drive_of(v, partner="new"), [t], seed=6, partners=partners) for v, t in ((1e4, 1e-4), (1e5, 2e-5))
-    ]
-    same = ways[0].slips == ways[1].slips
-    assert same.any()
-    np.testing.assert_array_equal(ways[0].forming[same], ways[1].forming[same])
-    # of sites that lose one bond and form no other; among those that go on, high barriers wait longest
-    slow = ca.plugin.Partners(np.linspace(1.4, 1.6, 1000), np.full(400, -0.05))
-    once = run(lattice, drive_of(1e4, partner="new"), [1e-4], partners=slow, start=all_bonded(lattice))
-    assert (once.slips == 1).all()
-    assert kstest((once.forming - 1.35) / 0.2, "uniform").pvalue > 1e-4
+# -- partners ---------------------------------------------------------------------------------------------------------
+
+#: of sites that meet others
+ALL = ("force", "work", "state", "stretch", "forming", "breaking")
+
+
+def same(one: PullHistory, other: PullHistory, names: Sequence[str] = ALL) -> None:
+    for name in names:
+        np.testing.assert_array_equal(getattr(one, name)[-1:], getattr(other, name)[-1:])
+        if name not in ("force", "work"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_partners_are_a_function_of_seed_site_and_slip():
+    """Whatever broke, rested, was sampled or was pulled at which speed, temperature and stiffness."""
+    n = 400
+    lattice, partners = lattice_of(n, 0.5, 0.8), partners_of(n, np.linspace(0.4, 0.6, 1000), np.linspace(0.7, 0.9, 9))
+    how = {"seed": 6, "partners": partners._replace(shift=np.full(n, -0.05))}
+    one = run(lattice, drive_of(1e4, partner="renewed"), [1.23e-4], **how)
+    fast = run(lattice, drive_of(1e6, partner="renewed", bond_stiffness=1), [1e-7, 1.23e-6], **how)
+    part = run(lattice, drive_of(1e4, partner="renewed"), [0.7e-4], **how)
+    rested = run(lattice, drive_of(0.0, partner="renewed"), [1.0, 10.0], start=part, **how)
+    np.testing.assert_array_equal(rested.forming, part.forming)
+    np.testing.assert_array_equal(rested.breaking[~part.state], part.breaking[~part.state])
+    held = ca.engine("bkl").run(part.lattice_after(lattice), [1.0, 2.0], temperature=310, seed=9, start=part.history)
+    for before in (part, rested, held):
+        on = run(lattice, drive_of(1e5, partner="renewed"), [before.time + 0.53e-5], start=before, **how)
+        np.testing.assert_array_equal(on.forming, one.forming)
+    np.testing.assert_array_equal(fast.forming, one.forming)
+    other = one.forming != lattice.forming
+    # 2.46 spacings: all have met another one, half of them two
+    assert other.all()
+    assert kstest((one.forming - 0.35) / 0.2, "uniform").pvalue > 1e-4
+    assert not np.any(
+        run(lattice, drive_of(1e4, partner="renewed"), [1.23e-4], **{**how, "seed": 7}).forming == one.forming
+    )
+
+
+def test_sites_come_to_their_next_partner_one_after_the_other():
+    """After any part of a spacing, that part of them; none at once, and none twice."""
+    n = 4000
+    lattice, partners = lattice_of(n, 3.0, 1.1), partners_of(n, np.linspace(2.0, 2.5, 1000), 1.1)
+    pulled, met, last = None, np.zeros(n, int), lattice.forming
+    for part in range(1, 21):
+        pulled = run(lattice, drive_of(1.0, partner="renewed"), [0.05 * part], start=pulled, partners=partners)
+        met, last = met + (pulled.forming != last), pulled.forming
+        share = part / 10
+        assert abs(met.mean() - share) < 4.5 * (0.25 / n) ** 0.5 + 1e-12
+        assert met.max() - met.min() <= 1
+
+
+@pytest.mark.parametrize("spring", [None, 200.0])
+def test_far_partners_are_none(spring):
+    """A spacing without end gives the same bytes as sites that keep their partners."""
+    lattice = patches(30, 5, forming=0.45, breaking=0.8)
+    partners = partners_of(270, np.linspace(0.4, 0.6, 100), 0.7, spacing=1e30)
+    times = np.linspace(0, 5e-4, 11)
+    kept, far = (
+        run(lattice, drive_of(1e4, partner=partner, spring=spring), times, seed=2, partners=partners)
+        for partner in ("kept", "renewed")
+    )
+    for name in (*ALL, "displacement", "bonds", "avalanches"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(far, name))
+    assert kept.broken[-1] > 300
+
+
+@pytest.mark.parametrize("speed", [1.0, 1e3, pytest.param(1e6, marks=pytest.mark.long)])
+def test_partners_of_one_height_change_nothing(speed):
+    """The closed form of steady sliding, at any speed."""
+    model = Independent(speed, drive_of(speed, partner="renewed"), 0.8, 0.5)
+    cycle = speed / model.k_on + model.stretch[np.searchsorted(model.hazard, 1)]
+    times = np.array([8, 30]) * cycle / speed
+    partners = partners_of(300, 0.5, 0.8, spacing=cycle / 3)
+    pulls = [run(lattice_of(300, 0.5, 0.8), model.drive, times, seed=seed, partners=partners) for seed in range(8)]
+    forces = [np.diff(one.work)[0] / (np.diff(times)[0] * speed * 300) for one in pulls]
+    assert np.mean(forces) == pytest.approx(model.mean_force, abs=4.5 * np.std(forces, ddof=1) / 8**0.5)
+
+
+@pytest.mark.parametrize(
+    ("forming", "breaking", "stiffness", "speed"),
+    [
+        ((0.7, 0.85), (0.8,), 10.0, 10.0),
+        ((0.6, 0.75), (0.7, 0.85), 10.0, 1e3),
+        ((0.6, 1.0), (0.8,), 1.0, 1e2),
+        pytest.param((0.6, 1.0), (0.8,), 10.0, 0.1, marks=pytest.mark.long),
+        pytest.param(tuple(np.linspace(0.6, 1.0, 8)), (0.8,), 10.0, 1.0, marks=pytest.mark.long),
+        pytest.param((0.6, 1.0), (0.8,), 1.0, 1e4, marks=pytest.mark.long),
+    ],
+)
+def test_steady_sliding_over_partners_is_that_of_a_transport_equation(forming, breaking, stiffness, speed):
+    """Two heights of either barrier, a spectrum, and soft bonds that last over many spacings; ``pulling.py renewed`` has
+    42 cases."""
+    model = Renewed(drive_of(speed, bond_stiffness=stiffness, partner="renewed"), forming, breaking)
+    times = np.array([40, 120]) * model.spacing / speed
+    forces = []
+    for seed in range(10):
+        lattice, partners = model.sites(1000, seed)
+        pulled = run(lattice, model.drive, times, seed=seed, partners=partners)
+        forces.append(np.diff(pulled.work)[0] / (np.diff(times)[0] * speed * 1000))
+    error = np.std(forces, ddof=1) / 10**0.5
+    exact = model.mean_force
+    assert error < 0.02 * exact
+    assert abs(np.mean(forces) - exact) < 4.5 * error
+
+
+def test_a_jump_of_many_spacings_brings_sites_to_the_partners_of_where_it_ends():
+    """A soft spring whose last bond breaks carries the slider on at once."""
+    n = 200
+    lattice, partners = lattice_of(n, 3.0, 0.9), partners_of(n, np.linspace(2.0, 2.5, 1000), 0.9, spacing=0.02)
+    drive = drive_of(1e3, partner="renewed", spring=30.0)
+    jumped = run(lattice, drive, [0.1], start=np.arange(n) < 150, partners=partners)
+    assert jumped.largest_drop > 10
+    stiff = drive_of(1e3, partner="renewed")
+    slid = run(lattice, stiff, [jumped.displacement[-1] / 1e3], partners=partners)
+    # to within the rounding of the way
+    assert np.mean(jumped.forming == slid.forming) > 0.99
+
+
+def test_what_is_wrong_with_partners_or_too_far_a_way_is_said():
+    lattice, partners = lattice_of(40, 0.5, 0.8), partners_of(40, 0.5, 0.8)
+    how = {"temperature": 300, "partners": partners}
+    with pytest.raises(InputError, match=r"give chemage.plugin.partners_of\(...\), or partner='kept'"):
+        EXACT.run(lattice, drive_of(1.0, partner="renewed"), [1.0], temperature=300)
+    with pytest.raises(InputError, match="one shift for each site, and a spacing above 0"):
+        EXACT.run(
+            lattice, drive_of(1.0, partner="renewed"), [1.0], temperature=300, partners=partners._replace(spacing=0)
+        )
+    slow = lattice_of(40, 3.0, 3.0)
+    with pytest.raises(
+        InputError, match=r"sites are to meet 8e\+09 partners, more than ten times most_events = 1e\+08"
+    ):
+        EXACT.run(slow, drive_of(1e4, partner="renewed", bond_stiffness=1e-9), [1e4], **how)
+
+
+def test_the_least_force_is_that_of_all_events():
+    """After a step down of the speed the force falls below what it becomes; how often it is recorded changes nothing."""
+    lattice = lattice_of(300, 0.5, 0.8)
+    before = run(lattice, drive_of(1e5), [2e-5], seed=1)
+    slow = drive_of(1e3)
+    ends = before.time + np.array([0.0, 1e-4])
+    few, often = (run(lattice, slow, times, seed=1, start=before) for times in (ends, np.linspace(*ends, 20_001)))
+    assert few.least == often.least
+    assert 0.99 * often.force.min() < often.least <= often.force.min() < few.force.min()
+    # in one piece or in two
+    half = run(lattice, slow, ends[:1] + 3e-5, seed=1, start=before)
+    assert run(lattice, slow, ends[1:], seed=1, start=half).least == few.least <= half.least
 
 
 # -- the law in a scene -----------------------------------------------------------------------------------------------

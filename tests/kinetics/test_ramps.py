@@ -207,18 +207,19 @@ def plain(copies: int, forming: float, breaking: float | None = None) -> Reactio
     )
 
 
-def test_partners_that_are_new_have_the_barriers_of_the_present_pressure():
-    """All sites lose their bond at once and meet others, whose barriers rise with those of the lattice."""
-    copies, kelvin = 4000, KELVIN
+def test_other_partners_have_the_barriers_of_the_present_pressure():
+    """Those that sites have met on a way of two spacings rise with the barriers of the lattice."""
+    copies, engine = 4000, chemage.pulling("event-driven")
     lattice = plain(copies, 0.9, 0.5)
-    end = lattice.model_copy(update={"forming": lattice.forming + 0.08})
-    partners = chemage.plugin.Partners(np.array([0.8, 0.8]), np.zeros(copies))
-    drive = Drive(speed=0, bond_stiffness=1.0, transition_distance=0.1)
-    how = {"temperature": kelvin, "seed": 4, "partners": partners}
-    begun = chemage.pulling("event-driven").run(lattice, drive, [1e-3], start=np.ones(copies, bool), **how)
-    assert begun.bonds[-1] == 0
-    pulled = chemage.pulling("event-driven").run(lattice, drive, [2.0], start=begun, ramp=Ramp(lattice=end), **how)
-    assert np.allclose(pulled.forming, 0.88)
+    end = lattice.model_copy(update={"forming": lattice.forming + 0.08, "breaking": lattice.breaking + 0.02})
+    partners = chemage.plugin.Partners(np.full(2, 0.8), np.full(2, 0.6), np.zeros(copies), 1.0)
+    drive = Drive(speed=2e3, bond_stiffness=1.0, transition_distance=0.1)
+    how = {"temperature": KELVIN, "seed": 4, "partners": partners}
+    slid = engine.run(lattice, drive, [1e-3], **how)
+    assert np.allclose(slid.forming, 0.8)
+    still = engine.run(lattice, drive.replace(speed=0), [2.0], start=slid, ramp=Ramp(lattice=end), **how)
+    assert np.allclose(still.forming, 0.88)
+    assert np.allclose(still.breaking, 0.62)
 
 
 @pytest.mark.parametrize(("kind", "options"), ENGINES)

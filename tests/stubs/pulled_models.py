@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -11,7 +12,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import expm_multiply
 
 import chemage as ca
-from chemage.plugin import Drive
+from chemage.plugin import Drive, Partners
 
 KB, EV_PER_NM = ca.plugin.KB, 0.1602176634
 KT = KB * 300.0
@@ -107,6 +108,79 @@ class Independent:
         shape = survival / grow
         c = -(start + self.k_on * self.integral(shape * gained)) / (v + self.k_on * self.integral(shape))
         return self.drive.bond_stiffness * self.integral(s * shape * (c + gained))
+
+
+class Renewed:
+    """Steady sliding of sites that meet another partner with every spacing d of slip, at 300 K; the ``forming`` and the
+    ``breaking`` barriers (eV) of partners are equally likely. Forces per site; bonds of constant distance to the transition
+    state.
+
+    Over one spacing, free sites of each class of partners bind, and bonds that formed within it leave them to the same
+    partner when they break; older bonds leave them to any. Births are uniform within each of ``cells`` steps; the error
+    falls as their number squared.
+    """
+
+    def __init__(self, drive: Drive, forming: Sequence[float], breaking: Sequence[float], spacing: float = 0.5) -> None:
+        self.drive, self.forming, self.breaking, self.spacing = drive, forming, breaking, spacing
+
+    def sites(self, n: int, seed: int = 0) -> tuple[ca.ReactionLattice, Partners]:
+        """The same for an engine."""
+        rng = np.random.default_rng(seed)
+        lattice = lattice_of(n, rng.choice(self.forming, n), rng.choice(self.breaking, n))
+        levels = (np.repeat(np.sort(each), (1 << 16) // len(each)) for each in (self.forming, self.breaking))
+        return lattice, Partners(*levels, np.zeros(n), self.spacing)
+
+    def survival(self, breaking: float, stretch: np.ndarray) -> np.ndarray:
+        """Of a bond to a ``stretch`` (nm)."""
+        gain = self.drive.bond_stiffness * self.drive.transition_distance / EV_PER_NM / KT
+        below = np.minimum(stretch, breaking / KT / gain)
+        hazard = np.exp(-breaking / KT) * np.expm1(gain * below) / gain + stretch - below
+        return np.exp(-1e13 / self.drive.speed * hazard)
+
+    def force(self, cells: int) -> float:
+        """nN, in steps of d over ``cells``."""
+        d, h = self.spacing, self.spacing / cells
+        # by the largest stretch, where no bond is left
+        left = self.survival(max(self.breaking), d * np.arange(1, 1000))
+        periods, fine = np.flatnonzero(left < 1e-15)[0] + 3, max(8, 16000 // cells)
+        stretch = np.arange(periods * cells * fine + 1) * (h / fine)
+        here = np.zeros((cells, cells + 1))
+        births, place = [], np.arange(cells)
+        classes = list(product(self.forming, self.breaking))
+        for forming, breaking in classes:
+            s = self.survival(breaking, stretch)
+            # of bonds born in a cell, those left at the end of the one so many further on
+            left = ((s[1:] + s[:-1]) / 2).reshape(-1, fine).mean(axis=1)
+            lost = np.append(1.0, left[:-1]) - left
+            binds = 1e13 * np.exp(-forming / KT) / self.drive.speed * h
+            soon = -np.expm1(-binds)
+            late = 1 - soon / binds if binds > 1e-4 else binds / 2 - binds**2 / 6
+            response = []
+            for free, given in ((1.0, 0.0), (0.0, 1.0)):
+                born = np.zeros(cells)
+                for i in range(cells):
+                    more = born[:i] @ lost[1 : i + 1][::-1] + given * (i == 0)
+                    born[i] = (free * soon + more * late) / (1 - lost[0] * late)
+                    free += more + lost[0] * born[i] - born[i]
+                response.append(born)
+            of_old = np.where(place[:, None] >= place, response[1][place[:, None] - place], 0.0)
+            births.append(1 / len(classes) * np.column_stack([response[0], of_old]))
+            later = [lost[n * cells + place[:, None] - place] for n in range(1, periods - 1)]
+            here += np.sum(later, axis=0) @ births[-1]
+        old = np.linalg.solve(np.eye(cells) - here[:, 1:], here[:, 0])
+        total, force = 1.0, 0.0
+        for (_, breaking), made in zip(classes, births, strict=True):
+            born, s = made @ np.append(1.0, old), self.survival(breaking, stretch)
+            left = ((s[1:] + s[:-1]) / 2).reshape(-1, fine).mean(axis=1)
+            total += born @ left.reshape(periods, cells).sum(axis=0)[::-1]
+            force += born.sum() / d * float(np.trapezoid(stretch * s, stretch))
+        return self.drive.bond_stiffness * force / total
+
+    @property
+    def mean_force(self) -> float:
+        """Extrapolated to steps of no size, nN."""
+        coarse, fine = self.force(100), self.force(200)
+        return fine + (fine - coarse) / 3
 
 
 class Transport:
@@ -211,14 +285,14 @@ def random_pull(seed: int) -> tuple[ca.ReactionLattice, Drive, np.ndarray, dict[
         bond_stiffness=10 ** rng.uniform(-2, 3),
         transition_distance=rng.uniform(0.005, 0.2),
         shape=str(rng.choice(["cusp", "cubic", "constant"])),
-        partner=str(rng.choice(["kept", "new"])),
+        partner=str(rng.choice(["kept", "renewed"])),
     )
     times = np.concatenate([[0.0], np.geomspace(10 ** rng.uniform(-9, 0), 1.0, 12) * way / speed])
-    quantiles = np.sort(np.resize(forming, max(n, 2)))
+    quantiles = (np.sort(np.resize(each, max(n, 2))) for each in (forming, breaking))
     return lattice, drive, times, {
         "temperature": rng.uniform(100, 500),
         "start": [None, np.ones(n, bool), rng.random(n) < 0.5][rng.integers(3)],
-        "partners": ca.plugin.Partners(quantiles, np.zeros(n)),
+        "partners": Partners(*quantiles, np.zeros(n), 10 ** rng.uniform(-1, 1)),
         "seed": seed,
     }  # fmt: skip
 
@@ -273,8 +347,8 @@ def master_equation(lattice: ca.ReactionLattice, drive: Drive, end: float, steps
 
 def codes(pulled, count: int) -> np.ndarray:
     """The state of each patch, as `master_equation` numbers them."""
-    state, slips = pulled.state.reshape(count, 9), pulled.slips.reshape(count, 9)
-    digits = np.where(slips == 0, 0, np.where(state, 2, 1))
+    first = pulled.state & (pulled.stretch > (1 - 1e-9) * pulled.displacement[-1])
+    digits = np.where(first, 0, np.where(pulled.state, 2, 1)).reshape(count, 9)
     return digits @ 3 ** np.arange(8, -1, -1)
 
 

@@ -250,8 +250,8 @@ def _one_barrier_per_pixel(lattice, *rest):
 
 def _slipped_are_lost(lattice, times, kelvin, seed, start):
     """Sites that have slipped begin without a bond."""
-    if isinstance(start, BondHistory) and "slips" in start.resume:
-        state = start.state & (start.resume["slips"] == 0)
+    if isinstance(start, BondHistory) and "partner" in start.resume:
+        state = start.state & (start.resume["partner"] == 0)
         lost = int(start.state.sum() - state.sum())
         counts = {"state": state, "bonds": start.bonds - lost, "broken": start.broken + lost}
         start = start.model_copy(update=counts)

@@ -88,12 +88,30 @@ def _same_partners(exact, given):
     return exact(partners=None, drive=given["drive"].replace(partner="kept"))
 
 
-def _first_partners(exact, given):
-    """All new partners have the mean barrier."""
+def _mean_partners(exact, given):
+    """All partners have the mean barrier."""
     partners = given["partners"]
     return exact(
-        partners=partners and partners._replace(quantiles=np.full_like(partners.quantiles, partners.quantiles.mean()))
+        partners=partners and partners._replace(forming=np.full_like(partners.forming, partners.forming.mean()))
     )
+
+
+def _own_breaking(exact, given):
+    """Bonds with all partners break over the barrier of the lattice."""
+    partners, breaking = given["partners"], given["lattice"].breaking
+    return exact(partners=partners and partners._replace(breaking=np.full(2, breaking.mean())))
+
+
+def _far_partners(exact, given):
+    """Sites keep a partner for a hundred spacings."""
+    partners = given["partners"]
+    return exact(partners=partners and partners._replace(spacing=100 * partners.spacing))
+
+
+def _others_at_rest(exact, given):
+    pulled = exact()
+    forming = pulled.forming + 0.01 * (given["drive"].speed == 0)
+    return pulled.model_copy(update={"forming": forming})
 
 
 def _uncoupled(exact, given):
@@ -161,7 +179,10 @@ OTHERS = {
     "peak of the samples": (engine("peak of the samples", _peak_of_the_samples), "bonds_break_as_their_barrier_falls"),
     "no pressure": (engine("no pressure", _without_pressure), "steady_sliding_is_the_closed_form"),
     "same partners": (engine("same partners", _same_partners), "steady_sliding_is_the_closed_form"),
-    "mean partners": (engine("mean partners", _first_partners), "steady_sliding_is_the_closed_form"),
+    "mean partners": (engine("mean partners", _mean_partners), "steady_sliding_is_the_closed_form"),
+    "own breaking": (engine("own breaking", _own_breaking), "steady_sliding_is_the_closed_form"),
+    "far partners": (engine("far partners", _far_partners), "steady_sliding_is_the_closed_form"),
+    "others at rest": (engine("others at rest", _others_at_rest), "at_rest_nothing_moves"),
     "uncoupled": (engine("uncoupled", _uncoupled), "bonds_without_force_are_those_of_a_hold"),
     "short indices": (engine("short indices", _short_indices), "bonds_without_force_are_those_of_a_hold"),
     "64 samples": (engine("64 samples", _sixty_four_samples), "going_on_is_exact"),
@@ -199,7 +220,7 @@ def test_the_check_finds_it(check, component, caught):
 
 
 #: others that the same checks find are quicker
-LONG = ("short indices", "mean partners")
+LONG = ("short indices", "mean partners", "own breaking")
 
 
 @pytest.mark.parametrize(
