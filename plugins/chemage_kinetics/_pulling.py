@@ -58,6 +58,7 @@ from chemage_kinetics._rejection_free import (
     mark,
     refresh,
     select,
+    sum_leaves,
     tree_total,
 )
 
@@ -159,14 +160,14 @@ class Counterpart(NamedTuple):
 
     key: Key
     """of the seed alone, so that sites keep their partners when the lattice changes"""
-    own: Array
-    """(n, 2) eV: forming and breaking barrier of each site with its first partner"""
+    own: tuple[Array, Array]
+    """(n,) eV: forming and breaking barrier of each site with its first partner"""
     forming: Array
     """(q,) eV, ascending: quantiles of the intrinsic forming barrier"""
     breaking: Array
     """(q,) eV: those of the breaking barrier"""
-    shift: Array
-    """(n, 2) eV, what both barriers of a site have beside those of the partner"""
+    shift: tuple[Array, Array]
+    """(n,) eV, what both barriers of a site have beside those of the partner"""
     pixels: Array
     """(n,) int64: index of each site's random numbers"""
     phase: Array
@@ -449,18 +450,18 @@ def _uniforms(i: Int, partner: Int, partners: Counterpart) -> tuple[Float, Float
 def _forming(i: Int, partner: Int, partners: Counterpart) -> Float:
     """The barrier of site i to forming a bond with a partner, eV."""
     if partner == 0 or partners.forming.size == 0:
-        return partners.own[i, 0]
+        return partners.own[0][i]
     u, _ = _uniforms(i, partner, partners)
-    return _between(partners.forming, u) + partners.shift[i, 0]
+    return _between(partners.forming, u) + partners.shift[0][i]
 
 
 @inner
 def _breaking(i: Int, partner: Int, partners: Counterpart) -> Float:
     """That to breaking it, eV."""
     if partner == 0 or partners.forming.size == 0:
-        return partners.own[i, 1]
+        return partners.own[1][i]
     _, u = _uniforms(i, partner, partners)
-    return _between(partners.breaking, u) + partners.shift[i, 1]
+    return _between(partners.breaking, u) + partners.shift[1][i]
 
 
 @inner
@@ -736,7 +737,7 @@ def start(run: PullRun, goes_on: bool) -> None:
                 _enlist(i, run.bound[i], run)
             else:
                 _bind(i, least, run)
-            refresh(run.rates, mark(run.rates, i >> 3, np.int64(0)))
+    sum_leaves(run.words.size, run.rates)
     if run.counts[RESTS]:
         settle(-_slack(run), run)
     if not goes_on:

@@ -150,12 +150,6 @@ class EventDriven(Pulling):
             )
 
 
-def _both(lattice: ReactionLattice) -> Array:
-    """(n, 2) eV: forming and breaking barriers."""
-    assert lattice.breaking is not None
-    return np.stack([lattice.forming, lattice.breaking], axis=1)
-
-
 @dataclass(eq=False)
 class _Job(Start):
     """One pull: the arguments of `Pulling._run`, the arrays made from them, and the result."""
@@ -230,22 +224,27 @@ class _Job(Start):
     def _partners(self) -> kernel.Counterpart:
         """What the sites meet."""
         lattice, there = self.lattice, self.counterpart
-        own = _both(lattice)
+        assert lattice.breaking is not None
+        assert self.whole.breaking is not None
         key = kernel.Key(*random.key(self.seed))
+        own = np.array(lattice.forming), np.array(lattice.breaking)
         if there is None:
             none, empty = np.empty(0), np.empty(0, np.int64)
-            kept = empty, empty, math.inf, empty, empty, empty, empty
-            return kernel.Counterpart(key, own, none, none, np.empty((0, 2)), *kept)
-        shift = own - _both(self.whole)
-        shift[:, 0] += there.shift
+            kept = none, none, (none, none), empty, empty, math.inf, empty, empty
+            return kernel.Counterpart(key, own, *kept, empty, empty)
+        shift = (
+            own[0] - self.whole.forming + there.shift,
+            own[1] - self.whole.breaking,
+        )
         pixels = np.array(lattice.random_index)
         phase = random.uniforms(self.seed, kernel.PHASE, pixels) * kernel.CELLS
         phase = phase.astype(np.int64)
-        cells = -phase % kernel.CELLS
-        first = np.searchsorted(np.sort(cells), np.arange(kernel.CELLS + 1))
-        some = np.append(np.unique(cells), kernel.CELLS)
-        every = np.arange(kernel.CELLS)
-        following = some[np.searchsorted(some, every, side="right")]
+        cells = (-phase & (kernel.CELLS - 1)).astype(np.int16)
+        counts = np.bincount(cells, minlength=kernel.CELLS)
+        some, every = (
+            np.append(np.flatnonzero(counts), kernel.CELLS),
+            np.arange(kernel.CELLS),
+        )
         return kernel.Counterpart(
             key,
             own,
@@ -255,10 +254,10 @@ class _Job(Start):
             pixels,
             phase,
             there.spacing / float(kernel.CELLS),
-            np.argsort(cells.astype(np.int16), kind="stable"),
-            first,
-            following - every,
-            np.empty(np.diff(first).max(initial=0), np.int64),
+            np.argsort(cells, kind="stable"),
+            np.append(0, np.cumsum(counts)),
+            some[np.searchsorted(some, every, side="right")] - every,
+            np.empty(counts.max(initial=0), np.int64),
         )
 
     def _refuse_too_much(self) -> None:
@@ -279,7 +278,7 @@ class _Job(Start):
         passing = met.width * kernel.CELLS / moves if moves > 0 else math.inf
         if met.forming.size and passing < span:
             few = np.linspace(0, met.forming.size - 1, FEW).astype(int)
-            again = Renewed(met.forming[few] + met.shift[:, 0].mean(), passing)
+            again = Renewed(met.forming[few] + met.shift[0].mean(), passing)
         lattice = self.lattice.model_copy(update={"forming": self.forming})
         return flips_on(
             lattice, self.drive, span, self.temperature, self.state, again, enough
@@ -298,7 +297,7 @@ class _Job(Start):
         partners = [
             met.forming.sum(),
             met.breaking.sum(),
-            met.shift.sum(),
+            *map(np.sum, met.shift),
             met.width,
         ]
         return {
@@ -370,11 +369,11 @@ class _Job(Start):
         force = 0.0
         if before is not None:
             run.rest[:] = -before.stretch
+            reals[kernel.SUM_REST] = math.fsum(run.rest[self.state])
             for place, name in _CARRIED:
                 reals[place] = getattr(before, name)[-1]
             reals[kernel.LARGEST] = before.largest_drop
             reals[kernel.PEAK_TIME], force = self.time, float(before.force[-1])
-        reals[kernel.SUM_REST] = math.fsum(run.rest[self.state])
         # a spring has the force that there was; what it does not carry is held by the friction of the slider
         reals[kernel.PULL] = force if self.pull.spring > 0 else 0.0
         counts[kernel.RESTS] = math.isfinite(self.pull.spring)

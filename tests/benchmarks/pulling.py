@@ -101,8 +101,9 @@ RENEWED = {
 }
 
 
-def renewed(bonds: float = 1e5) -> None:
-    """Deviations of steady sliding from the transport equation, from 0.1 nm/s to 0.1 mm/s."""
+def renewed(bonds: float = 1e5, most: float = 2e8) -> None:
+    """Deviations of steady sliding from the transport equation, from 0.1 nm/s to 0.1 mm/s; of so many bonds that form,
+    but ``most`` partners that sites meet."""
     found = []
     for name, (forming, breaking, stiffness) in RENEWED.items():
         for speed in 10.0 ** np.arange(-1, 6):
@@ -111,7 +112,7 @@ def renewed(bonds: float = 1e5) -> None:
             # bonds that form in a site on one spacing, about
             rate = 1e13 * np.exp(-np.array(forming) / KT) * model.spacing / speed
             share = float(np.mean(rate / (1 + rate)))
-            spacings = min(max(bonds / share, 1e5), 2e8) / 16
+            spacings = min(max(bonds / share, 1e5), most) / 16
             ahead = int(40 + 3 / share) if share > 0.01 else 40
             slid = int(max(3 * ahead, 60))
             mean, error = renewed_force(model, int(spacings / slid) + 1, (ahead, ahead + slid), 16)

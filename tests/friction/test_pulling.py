@@ -252,7 +252,7 @@ def test_events_are_foreseen_with_couplings_and_with_other_partners():
     helped = lattice_of(40, 0.65, 0.5).model_copy(
         update={"neighbours": graph, "coupling": np.full((40, 2), -0.15, np.float32)}
     )
-    partners = partners_of(40, np.linspace(0.3, 0.5, 100), 0.5, spacing=1e-4)
+    partners = partners_of(40, np.linspace(0.3, 0.5, 100), 0.5, spacing=2e-3)
     for lattice, drive, span in (
         (helped, drive_of(1.0), 1e-3),
         (lattice_of(40, 0.3, 0.5), drive_of(1.0), 1e-3),
@@ -262,7 +262,7 @@ def test_events_are_foreseen_with_couplings_and_with_other_partners():
         pulled = run(lattice, drive, [span], seed=3, start=all_bonded(lattice), partners=partners)
         events = int(pulled.formed[-1] + pulled.broken[-1])
         with pytest.raises(InputError, match="are expected to form or break") as refused:
-            ca.pulling("event-driven", most_events=1.0).run(lattice, drive, [span], temperature=300, partners=partners,
+            ca.pulling("event-driven", most_events=50.0).run(lattice, drive, [span], temperature=300, partners=partners,
                                                             start=all_bonded(lattice))  # fmt: skip
         foreseen = float(str(refused.value).split("about ")[1].split()[0])
         assert 0.5 < foreseen / events < 2, (foreseen, events)
@@ -307,9 +307,8 @@ def test_hold_pull_and_hold_are_one_history():
     assert (rest.peak, rest.least) == (whole.peak, whole.least)
     # most have come to another partner; bonds keep the one with which they formed
     assert np.mean(whole.forming != lattice.forming) > 0.5
-    old = whole.state & (whole.stretch >= whole.displacement[-1])
-    assert old.any()
-    assert (whole.breaking[old] == lattice.breaking[old]).all()
+    young = whole.state & (whole.stretch < 0.1)
+    assert np.mean(whole.breaking[young] == lattice.breaking[young]) < 0.5
     after = ca.engine("rejection-free").run(
         whole.lattice_after(lattice), [10.0, 100.0], temperature=300, seed=3, start=whole.history
     )
@@ -427,8 +426,9 @@ def test_a_jump_of_many_spacings_brings_sites_to_the_partners_of_where_it_ends()
     n = 200
     lattice, partners = lattice_of(n, 3.0, 0.9), partners_of(n, np.linspace(2.0, 2.5, 1000), 0.9, spacing=0.02)
     drive = drive_of(1e3, partner="renewed", spring=30.0)
-    jumped = run(lattice, drive, [0.1], start=np.arange(n) < 150, partners=partners)
-    assert jumped.largest_drop > 10
+    times = np.linspace(0, 0.01, 201)
+    jumped = run(lattice, drive, times, start=np.arange(n) < 150, partners=partners)
+    assert np.diff(jumped.displacement).max() > 20 * partners.spacing
     stiff = drive_of(1e3, partner="renewed")
     slid = run(lattice, stiff, [jumped.displacement[-1] / 1e3], partners=partners)
     # to within the rounding of the way
