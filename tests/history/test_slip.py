@@ -349,7 +349,9 @@ class ChainTrial:
             for time in [times] if ramped else np.split(times, [int(self.rng.integers(1, times.size))]):
                 if time.size:
                     cut = run(cut, time)
-            names = ("state", "stretch", "forming") if moves else ("state",)
+            names = ("state", "stretch", "forming", "breaking") if moves else ("state",)
+            # whatever partner a site that is not in contact comes to
+            assert not state.state[lattice.forming > 500].any()
             for name in names:
                 np.testing.assert_array_equal(getattr(state, name), getattr(cut, name))
             assert state.bonds[-1] == cut.bonds[-1]
@@ -469,6 +471,29 @@ def test_a_scene_of_steps_is_stored_resumed_swept_and_drawn(tmp_path, monkeypatc
     assert seen["step_lost"][:, 3].min() > 0
     study = ca.sweep({**own.todict(), "sweep": {"step.1.speed": [10, 1000]}}, tmp_path / "sweep")
     assert len({point.summary["observables"]["peak_1"]["mean"] for point in study}) == 2
+
+
+@pytest.mark.parametrize(
+    ("replicas", "slips", "errors"), [(20, 4, 4.0), pytest.param(200, 12, 3.0, marks=pytest.mark.long)]
+)
+def test_sliding_at_a_constant_speed_becomes_steady(replicas, slips, errors):
+    """The mean friction over each 5 nm is that over the last ones, from 5 nm on."""
+    step = {"speed": "10 nm/s", "distance": "5 nm", "points": 1}
+    steps = [{"duration": 1}, *([step] * slips)]
+    seen = ca.run(scene(step=steps, hold={"replicas": replicas, "temperature": 300}), warn=False).aging.observables
+    work = np.array([seen[f"work_{k}"] for k in range(2, slips + 1)])
+    for one in work[:-1]:
+        change = one - work[-1]
+        assert abs(change.mean()) < errors * change.std(ddof=1) / replicas**0.5
+
+
+def test_the_least_force_of_a_velocity_step_is_that_of_all_events():
+    """Whatever times are recorded, it falls between them as well."""
+    run = ca.run(scene(protocol={"kind": "velocity-steps", "speeds": [1000, 100], "distance": 1}), warn=False)
+    least = run.aging.observables["transient_1"] + run.aging.observables["steady_1"]
+    recorded = run.aging.friction_drop[:, -101:].min(axis=1)
+    assert (least <= recorded + 1e-9).all()
+    assert (least < recorded - 1e-9).any()
 
 
 def test_a_mean_of_a_measure_of_a_step_is_as_accurate_as_asked():
