@@ -311,7 +311,8 @@ class PullHistory(Followed):
                 return f"{name} falls, or is negative"
         if np.any(self.force < 0) or self.peak < self.force.max(initial=0.0):
             return "force: is negative, or above the peak"
-        if self.least > self.force.min(initial=np.inf):
+        # a recorded force is rounded once more
+        if self.least > self.force.min(initial=np.inf) + BALANCE * self.peak:
             return "force: is below the least force"
         if (worst := float(np.abs(self.imbalance).max(initial=0.0))) > BALANCE:
             return f"the balance of energy is violated by {worst:.2g} of the work"

@@ -412,6 +412,10 @@ class PullingChecks(Checks[Pulling], of=Pulling):
                         other.peak >= whole_run.force.max(),
                         f"the peak is below a force where a pull {what}",
                     )
+                    require(
+                        other.least <= whole_run.force.min() + BALANCE * other.peak,
+                        f"the least force is above a force where a pull {what}",
+                    )
                 require(bool(whole_run.broken[-1]), "no bond broke")
 
     def at_rest_nothing_moves(self) -> None:

@@ -81,7 +81,7 @@ class Renewed(NamedTuple):
             speed = np.maximum(
                 rates(barrier + shift, frequency, temperature), 1e-300
             )
-            bound = -np.expm1(-speed * self.passing)
+            bound = TwoState(speed, 0.0).bonded(self.passing)
             spent, binds = spent + bound / speed, binds + bound
         return np.minimum(spent / np.maximum(binds, 1e-300), span)
 

@@ -489,7 +489,8 @@ def test_sliding_at_a_constant_speed_becomes_steady(replicas, slips, errors):
 
 def test_the_least_force_of_a_velocity_step_is_that_of_all_events():
     """Whatever times are recorded, it falls between them as well."""
-    run = ca.run(scene(protocol={"kind": "velocity-steps", "speeds": [1000, 100], "distance": 1}), warn=False)
+    steps = {"kind": "velocity-steps", "speeds": [1000, 100], "distance": 0.5}
+    run = ca.run(scene(protocol=steps, hold={"replicas": 2, "temperature": 400}), warn=False)
     least = run.aging.observables["transient_1"] + run.aging.observables["steady_1"]
     recorded = run.aging.friction_drop[:, -101:].min(axis=1)
     assert (least <= recorded + 1e-9).all()
