@@ -423,13 +423,13 @@ class PullingChecks(Checks[Pulling], of=Pulling):
         back to a hold."""
         n = 80
         lattice, _ = USUALLY.placed(USUAL, n)
-        drive, more = _drive(USUALLY), {"partners": _partners(USUALLY, n)}
+        drive, met = _drive(USUALLY), _partners(USUALLY, n)
         moving, still = (
             _drive(USUALLY, speed=speed, partner="renewed") for speed in (1e4, 0.0)
         )
         begin = np.ones(n, bool)
-        pulled = self._run(lattice, moving, [0.1 / 1e4], start=begin, **more)
-        held = self._run(lattice, still, [1.0, 1e3], start=pulled, **more)
+        pulled = self._run(lattice, moving, [0.1 / 1e4], start=begin, partners=met)
+        held = self._run(lattice, still, [1.0, 1e3], start=pulled, partners=met)
         require(
             np.array_equal(held.forming, pulled.forming),
             "sites meet others although the drive stands still",
