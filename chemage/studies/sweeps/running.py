@@ -74,6 +74,7 @@ _AGEING_HOOKS = (
     "chemage_build_lattice",
     "chemage_run_kinetics",
     "chemage_rupture_bonds",
+    "chemage_pull_bonds",
     "chemage_observe",
 )
 

@@ -63,6 +63,16 @@ def chemage_run_kinetics():
     found = yield
     return found.model_copy(update={"notes": (*found.notes, "seen")})
 """
+PULL_HOOK = """
+import chemage
+
+@chemage.plugin.hookimpl(wrapper=True)
+def chemage_pull_bonds():
+    pulled = yield
+    longest = chemage.plugin.Output("end", "nm", "longest stretch").of([pulled.stretch.max(initial=0.0)])
+    chemage.plugin.record(longest=longest)
+    return pulled
+"""
 
 
 class Lab:
@@ -177,6 +187,25 @@ def test_a_hook_of_the_kinetics_leaves_contacts_as_they_are(lab):
     assert "seen" in again[0].aging().plugins
     lab.plugin("seen", ENGINE_HOOK, "2.0")
     assert lab.sweep()[1:3] == (0, 8)
+
+
+def test_a_hook_of_pulls_is_asked_about_a_history_that_was_swept_before(site, tmp_path):
+    scene = chemage.load_scene("silica-history").todict()
+    scene |= {
+        "step": [{"duration": 1}, {"speed": 100, "distance": 0.2}],
+        "hold": {"replicas": 1},
+        "sweep": {"step.1.speed": [100, 1000]},
+    }
+    scene.pop("fit", None)
+
+    def summaries():
+        with warnings.catch_warnings(), registry.using(registry.Registry()):
+            warnings.simplefilter("ignore")
+            return [point.summary for point in chemage.sweep(scene, tmp_path / "out")]
+
+    assert not any(one["plugins"] for one in summaries())
+    site.install("chemage-longest", {"chemage_longest.py": PULL_HOOK}, {"longest": "chemage_longest"})
+    assert all(one["plugins"] == {"longest": "chemage-longest 1.0"} for one in summaries())
 
 
 def test_a_component_of_a_new_version_computes_what_it_is_part_of(lab, site):
