@@ -115,7 +115,8 @@ def run(
         "points": points,
     }
     how: Data = {"threads": threads, "as_json": as_json, "force": force}
-    with compiling.begun_early(scene, values, threads) as early:
+    plugins = registry.current().installed()
+    with compiling.begun_early(scene, values, threads, plugins) as early:
         from chemage.scene.files import is_sweep, load_scene
 
         if is_sweep(scene):

@@ -44,13 +44,16 @@ def begin(
     scene: str | Fields,
     changes: Fields | None,
     threads: int | None,
+    plugins: Any,
 ) -> Helpers:
-    """Start the processes that compile what a scene needs, given by name with ``changes``, or as data; none with
-    ``threads`` 1, or one processor."""
+    """Start the processes that compile what a scene needs, given by name with ``changes``, or as data, with the
+    ``plugins`` of this one; none with ``threads`` 1, or one processor."""
     if min(threads or available(), available()) < 2:
         return {}
     call = "chemage.scene.warm_up:compile_stage"
-    started = {stage: start(call, stage, scene, changes) for stage in STAGES}
+    started = {
+        stage: start(call, stage, scene, changes, plugins) for stage in STAGES
+    }
     return {
         stage: process for stage, process in started.items() if process is not None
     }
@@ -58,11 +61,11 @@ def begin(
 
 @contextmanager
 def begun_early(
-    scene: str, changes: Fields, threads: int | None
+    scene: str, changes: Fields, threads: int | None, plugins: Any
 ) -> Iterator[Helpers]:
     """Begin to compile what a scene needs while this process still imports what it needs, where nothing is compiled
     yet; yields the processes, which end with the block."""
-    helpers = begin(scene, changes, threads) if machine.is_cold() else {}
+    helpers = begin(scene, changes, threads, plugins) if machine.is_cold() else {}
     try:
         yield helpers
     finally:
@@ -140,9 +143,8 @@ def start(function: str, *args: Any) -> Process | None:
     except OSError:
         return None
     assert process.stdin is not None
-    paths = [path or os.getcwd() for path in sys.path]
     with suppress(OSError):  # it has died
-        process.stdin.write(pickle.dumps(paths) + pickle.dumps((function, args)))
+        process.stdin.write(pickle.dumps(sys.path) + pickle.dumps((function, args)))
         process.stdin.flush()  # and left open: its end tells the process that this one has ended
     return process
 

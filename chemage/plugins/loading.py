@@ -89,24 +89,28 @@ class Hooks(pluggy.PluginManager):
 
 
 def installed(group: str) -> list[metadata.EntryPoint]:
-    """The entry points of installed distributions; not of what merely lies in the current folder, which notebooks and
-    ``python -c`` search first."""
-    if "" not in sys.path:
-        return list(metadata.entry_points(group=group))
-    distributions: dict[str, metadata.Distribution] = {}
-    for distribution in metadata.distributions(
-        path=[folder for folder in sys.path if folder]
-    ):
-        distributions.setdefault(
-            str(distribution.metadata["Name"]).lower().replace("_", "-"),
-            distribution,
-        )
-    return [
-        point
-        for one in distributions.values()
-        for point in one.entry_points
-        if point.group == group
+    """The entry points of installed distributions, the first one of each name.
+
+    Not those of what merely lies in the current folder or beside the script that runs, where Python looks for modules
+    as well; unless PYTHONPATH names the folder, or chemage itself is installed nowhere else.
+    """
+    script = getattr(sys.modules["__main__"], "__file__", None) or ""
+    named = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    lying = {*map(os.path.realpath, ("", os.path.dirname(os.path.abspath(script))))}
+    lying -= {*map(os.path.realpath, named)}
+    found: dict[str, list[metadata.EntryPoint]] = {}
+    elsewhere = [
+        folder for folder in sys.path if os.path.realpath(folder) not in lying
     ]
+    for folders in (elsewhere, sys.path):
+        for one in metadata.distributions(path=folders):
+            if points := [
+                point for point in one.entry_points if point.group == group
+            ]:
+                found.setdefault(one.name.lower().replace("_", "-"), points)
+        if OWN in found:
+            break
+    return [point for points in found.values() for point in points]
 
 
 @lru_cache(maxsize=128)

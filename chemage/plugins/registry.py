@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import metadata
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from chemage.foundation import limits, names, ownership
 from chemage.foundation.aliases import Fields
@@ -98,6 +98,8 @@ ROOMS = (
 #: time of import from which a module is called slow, s
 SLOW = 0.5
 T = TypeVar("T")
+#: name of each plugin, and its distribution with the version
+InUse: TypeAlias = tuple[tuple[str, str], ...]
 
 
 class Registry:
@@ -437,6 +439,14 @@ class Registry:
                 )
             ),
             8,
+        )
+
+    def installed(self) -> InUse:
+        """The plugins in use that were not registered by hand."""
+        return tuple(
+            (each.name, f"{each.distribution} {each.version}")
+            for each in self.records
+            if each.distribution and not each.error
         )
 
     def source(self, name: str) -> str | None:
@@ -872,6 +882,32 @@ def current() -> Registry:
                 finally:
                     _finding = False
     return _current
+
+
+def use_only(plugins: InUse) -> None:
+    """Use the installed plugins of the process that started this one, and no other.
+
+    Raises
+    ------
+    PluginError
+        One of them is not installed here in that version, or does not work.
+    """
+    global _current
+    with _discovery:
+        if _current is not None and _current.installed() == plugins:
+            return
+        points = {
+            (point.name, " ".join(origin(point))): point
+            for point in installed(GROUP)
+        }
+        if missing := [one for one in plugins if one not in points]:
+            name, source = missing[0]
+            others = ", ".join(other for known, other in points if known == name)
+            raise PluginError(
+                f"the plugin {name!r} ({source}) is not installed in this process{f', but {others}' if others else ''}; "
+                "install the same version where the workers run"
+            )
+        _current = Registry([points[one] for one in plugins], strict=True)
 
 
 def stages() -> list[Stage]:

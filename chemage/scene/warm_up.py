@@ -9,6 +9,7 @@ from subprocess import TimeoutExpired
 from chemage.foundation import compiling
 from chemage.foundation.aliases import Fields
 from chemage.foundation.progress import Report
+from chemage.plugins import registry
 from chemage.scene.files import load_scene, parse_scene
 from chemage.scene.scene import Scene
 
@@ -40,7 +41,11 @@ def compiled_ahead(
     def begin(compiled: int) -> None:
         report(compiling.STAGE, compiled, 0, compiling.NOTE)
         if compiled == 0 and not early and "ageing" not in stages:
-            helpers.update(compiling.begin(scene.todict(), None, threads))
+            helpers.update(
+                compiling.begin(
+                    scene.todict(), None, threads, registry.current().installed()
+                )
+            )
 
     def end(compiled: int) -> None:
         nonlocal count
@@ -64,8 +69,14 @@ def _wait(helper: compiling.Process | None, report: Report, compiled: int) -> No
     report(compiling.STAGE, compiled, 0)
 
 
-def compile_stage(stage: str, scene: Fields | str, changes: Fields | None) -> None:
-    """Compile the kernels of a stage of a scene, given as data, or by name with ``changes``."""
+def compile_stage(
+    stage: str,
+    scene: Fields | str,
+    changes: Fields | None,
+    plugins: registry.InUse,
+) -> None:
+    """Compile the kernels of a stage of a scene, given as data, or by name with ``changes``, with these plugins."""
+    registry.use_only(plugins)
     known = isinstance(scene, str)
     read = load_scene(scene, changes) if known else parse_scene(scene)
     read.warm_up(stage)

@@ -53,6 +53,7 @@ from chemage.foundation.errors import (
 )
 from chemage.foundation.memory import capacity
 from chemage.foundation.units import convert
+from chemage.plugins import registry
 from chemage.studies.folder import RESUME
 from chemage.studies.tasks import (
     RETRIES,
@@ -316,7 +317,7 @@ class Processes(Executor):
         return ProcessPoolExecutor(
             self.workers,
             initializer=_begin,
-            initargs=(os.getpid(), [path or os.getcwd() for path in sys.path]),
+            initargs=(os.getpid(), sys.path, registry.current().installed()),
             env=thread_budget.environment(self._threads),
         )
 
@@ -325,17 +326,12 @@ class Processes(Executor):
         self._inner.shutdown(wait=wait, kill_workers=cancel_futures)
 
 
-def _begin(parent: int, path: Sequence[str]) -> None:
-    """Prepare a worker process: the import path of its parent, with which it ends; Ctrl-C is for the parent."""
-    import warnings
-
-    from chemage.plugins.registry import PluginWarning
-
+def _begin(parent: int, path: Sequence[str], plugins: registry.InUse) -> None:
+    """Prepare a worker process: it has the import path and the plugins of its parent, with which it ends; Ctrl-C is for
+    the parent."""
     sys.path[:] = path
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    warnings.simplefilter(
-        "ignore", PluginWarning
-    )  # the parent process has shown them
+    registry.use_only(plugins)
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -479,7 +475,7 @@ class Runner:
         self,
         pool: Pool,
         place: Place | None,
-        known: Known,
+        known: Known | None,
         watch: Callable[[Runner], None] | None,
     ) -> None:
         self._pool, self._place, self._known, self._watch = (

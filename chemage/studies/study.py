@@ -352,7 +352,7 @@ class Study:
             if tasks:
                 time.sleep(LOOK)
 
-    def _known(self, tasks: Sequence[Task]) -> Known:
+    def _known(self, tasks: Sequence[Task]) -> Known | None:
         """What workers must know for ``tasks``."""
         for task in tasks:
             if isinstance(task.source, Scene):

@@ -23,7 +23,7 @@ from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from chemage.ageing.aging import Aging, elastic_limits
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES, ContactSolution
@@ -33,6 +33,7 @@ from chemage.foundation.errors import (
     ChemageError,
     ExecutorError,
     InputError,
+    PluginError,
     StoreError,
 )
 from chemage.foundation.names import __version__
@@ -46,8 +47,14 @@ from chemage.scene.run import Run, contact_of, run, run_keys, surface_of
 from chemage.scene.scene import Scene
 from chemage.studies.folder import CannotWrite, Folder, process_name, refuse_links
 
-#: (name, "module:Class") of a component, (name, "module") of a plugin with hooks
-Known = tuple[tuple[str, str], ...]
+
+class Known(NamedTuple):
+    """What workers use beside chemage."""
+
+    #: plugins
+    installed: registry.InUse
+    #: (name, "module:Class") of a component, (name, "module") of a plugin with hooks, which are registered by hand
+    by_hand: tuple[tuple[str, str], ...]
 
 
 def registered_classes(components: Iterable[Any]) -> set[type]:
@@ -56,8 +63,9 @@ def registered_classes(components: Iterable[Any]) -> set[type]:
     return {type(part) for part in components_in(list(components))} & by_hand
 
 
-def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
-    """What workers must import: of ``classes``, and of the plugins with hooks that are registered by hand.
+def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known | None:
+    """What workers use of plugins and, registered by hand, of ``classes`` and plugins with hooks; None where they have
+    the registry of this process.
 
     Raises
     ------
@@ -68,7 +76,7 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
     context = getattr(executor, "_mp_context", None)
     forked = context is not None and context.get_start_method() == "fork"
     if executor == "serial" or isinstance(executor, ThreadPoolExecutor) or forked:
-        return ()
+        return None
     plugins, known = registry.current(), []
     for cls in sorted(classes, key=lambda one: one.__qualname__):
         role, kind = getattr(cls, "role", ""), getattr(cls, "kind", "")
@@ -81,7 +89,7 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known:
         if name in answering and not record.distribution:
             _check(f"the plugin {name!r}", module, "", plugins.implementation(name))
             known.append((name, module))
-    return tuple(known)
+    return Known(plugins.installed(), tuple(known))
 
 
 def _check(what: str, module: str, name: str, expected: Any) -> None:
@@ -100,16 +108,22 @@ def _check(what: str, module: str, name: str, expected: Any) -> None:
         )
 
 
-def learn(known: Known) -> None:
-    """Register what :func:`for_workers` gave, as far as this process does not know it.
+def learn(known: Known | None) -> None:
+    """Use what :func:`for_workers` gave, and no other plugin.
 
     Raises
     ------
     ExecutorError
-        It cannot be imported here.
+        It is not installed here, or cannot be imported.
     """
+    if known is None:
+        return
+    try:
+        registry.use_only(known.installed)
+    except PluginError as error:
+        raise ExecutorError(f"worker {process_name()}: {error}") from None
     plugins = registry.current()
-    for name, target in known:
+    for name, target in known.by_hand:
         try:
             component: Any = resolve_name(target)
         except (ImportError, AttributeError) as error:
@@ -423,7 +437,7 @@ def compute(
     place: Place | None,
     tasks: Sequence[Task],
     threads: int,
-    known: Known,
+    known: Known | None,
     remote: bool,
 ) -> Answer:
     """Compute tasks that have one contact.
@@ -433,7 +447,7 @@ def compute(
     place
         The folder in which results are kept; None: they are sent back.
     known
-        Components and plugins that are registered by hand.
+        What workers of other processes use of plugins.
     remote
         Whether what is returned goes to another process.
     """

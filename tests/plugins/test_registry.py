@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 from textwrap import dedent
 from types import ModuleType
 
@@ -510,12 +512,50 @@ def test_a_kind_is_imported_when_it_is_asked_for():
     assert "numba" not in modules_after(code)
 
 
-def test_what_lies_in_the_current_folder_is_not_loaded(tmp_path):
-    info = tmp_path / "stranger-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[chemage]\nstranger = stranger\n")
-    (tmp_path / "stranger.py").write_text("print('loaded')\n")
-    code = "import chemage; print(chemage.engine('bkl').kind)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout == "bkl\n"
+@pytest.fixture
+def lying(tmp_path):
+    """A folder in which a plugin lies that is not installed."""
+    (tmp_path / "stray.egg-info").mkdir()
+    (tmp_path / "stray.egg-info" / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: stray\nVersion: 1.0\n")
+    (tmp_path / "stray.egg-info" / "entry_points.txt").write_text("[chemage]\nstray = stray\n")
+    (tmp_path / "stray.py").write_text("raise SystemExit('loaded')\n")
+    (tmp_path / "script.py").write_text("from chemage.cli import main\nmain()\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "path", "there"),
+    [
+        (["-c", "from chemage.cli import main; main()"], None, False),
+        (["-m", "chemage"], None, False),
+        (["-m", "chemage"], ".", True),
+        (["script.py"], None, False),
+        ([str(Path(sys.executable).parent / "chemage")], os.pathsep, False),
+    ],
+    ids=["-c", "-m", "named in PYTHONPATH", "script", "empty entry of PYTHONPATH"],
+)
+def test_a_plugin_that_merely_lies_in_the_folder_takes_no_part(lying, monkeypatch, words, path, there):
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    if path is not None:
+        monkeypatch.setenv("PYTHONPATH", path)
+    command = [sys.executable, *words, "plugins", "list", "--json"]
+    done = subprocess.run(command, cwd=lying, capture_output=True, text=True, check=True)
+    assert ("'stray' (stray 1.0) was skipped: SystemExit: loaded" in done.stderr) == there
+    assert ("stray" in done.stdout) == there
+
+
+def test_what_lies_beside_a_script_is_not_loaded_and_what_is_installed_with_chemage_is(
+    lying, tmp_path_factory, monkeypatch
+):
+    found = {point.name for point in registry.installed(registry.GROUP)}
+    own = next(iter(registry.metadata.distributions(name="chemage")))
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", str(lying / "script.py"))
+    monkeypatch.setattr(sys, "path", [str(lying), *sys.path])
+    assert {point.name for point in registry.installed(registry.GROUP)} == found
+    # as by pip install --target
+    (lying / "chemage-1.dist-info").mkdir()
+    for name in ("METADATA", "entry_points.txt"):
+        (lying / "chemage-1.dist-info" / name).write_text(own.read_text(name))
+    monkeypatch.setattr(sys, "path", [str(lying)])
+    assert "stray" in {point.name for point in registry.installed(registry.GROUP)}

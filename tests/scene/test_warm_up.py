@@ -14,7 +14,7 @@ from llvmlite import binding
 
 import chemage as ca
 from chemage.foundation import compiling, machine
-from chemage.plugin import container
+from chemage.plugin import container, registry
 from chemage.scene import warm_up
 
 #: most kernels that a scene compiles in a fresh installation: fewer is better, more needs a reason
@@ -202,11 +202,11 @@ def test_the_process_that_compiles_ahead_ends_with_the_block_and_gets_the_scene(
     started, asked = [], []
     real = compiling.start
 
-    def kept(function, stage, data, changes):
+    def kept(function, stage, data, changes, plugins):
         assert function == "chemage.scene.warm_up:compile_stage"
         assert ca.parse_scene(data).name == "silica-rough"
         asked.append(stage)
-        started.append(real(function, stage, data, changes))
+        started.append(real(function, stage, data, changes, plugins))
         return started[-1]
 
     monkeypatch.setattr(compiling, "start", kept)
@@ -231,13 +231,13 @@ def test_early_only_where_nothing_is_compiled(tmp_path, monkeypatch):
     monkeypatch.setenv("CHEMAGE_THREADS", "4")
     monkeypatch.setattr(compiling, "start", lambda *args: started.append(args))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    with compiling.begun_early("silica-tip", {"hold.replicas": 2}, None):
+    with compiling.begun_early("silica-tip", {"hold.replicas": 2}, None, ()):
         assert [stage for _, stage, *_ in started] == ["ageing", "contact"]
     started.clear()
     (tmp_path / "chemage.foundation-1").mkdir()
     (tmp_path / "chemage.foundation-1" / "random._fill-1.py311.nbi").touch()
     assert not machine.is_cold()
-    with compiling.begun_early("silica-tip", {}, None) as begun:
+    with compiling.begun_early("silica-tip", {}, None, ()) as begun:
         assert not begun
     assert started == []
 
@@ -309,7 +309,7 @@ def test_an_engine_of_another_package_is_warmed_up_on_a_lattice_like_that_of_the
     assert 0 < lattice.sites.size < 1000
     assert (times, temperature) == ([0.0], one.hold.temperature)
     with pytest.raises(RuntimeError, match="compile here"):
-        warm_up.compile_stage("ageing", one.todict(), None)  # as in the second process
+        warm_up.compile_stage("ageing", one.todict(), None, registry.current().installed())  # as in the second process
 
 
 @pytest.mark.parametrize("density", [4.9, "pixel", 100.0, 0.05])

@@ -18,7 +18,7 @@ from distributed.scheduler import KilledWorker
 
 import chemage
 from chemage import InputError
-from chemage.plugin import ExecutorError, StoreError, threads
+from chemage.plugin import ExecutorError, StoreError, registry, threads
 from chemage.studies.runner import Pool, Processes, Serial, open_pool, seconds
 
 # -- executors: whatever they run on, the same answers; a worker that dies costs its own task a second try ------------
@@ -213,6 +213,58 @@ def test_no_process_no_answer(tiny, work, tmp_path, monkeypatch, capfd):
     with pytest.raises(ExecutorError, match=r"a worker process could not start.*rerun the same command"):
         chemage.sweep(scene, tmp_path / "out", executor="processes", workers=1)
     assert "no such interpreter" in capfd.readouterr().err
+
+
+STRAY = """
+import chemage
+
+@chemage.plugin.hookimpl(wrapper=True)
+def chemage_rupture_bonds():
+    return 2 * (yield)
+"""
+SWEEPS = """
+import chemage
+
+if __name__ == "__main__":
+    scene = {scene}
+    for executor in ("serial", "threads", "processes", "dask"):
+        workers = None if executor == "serial" else 2
+        sweep = chemage.sweep(scene, executor, executor=executor, workers=workers)
+        print(executor, [(point.aging().digest(), *point.summary["plugins"]) for point in sweep])
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("way", ["-c", "-m"])
+def test_what_lies_in_the_folder_takes_no_part_in_any_worker(tmp_path, way):
+    (tmp_path / "stray.egg-info").mkdir()
+    (tmp_path / "stray.egg-info" / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: stray\nVersion: 1.0\n")
+    (tmp_path / "stray.egg-info" / "entry_points.txt").write_text("[chemage]\nstray = stray\n")
+    (tmp_path / "stray.py").write_text(STRAY)
+    sweep = {"contact.load": ["20 nN", "50 nN"], "hold.replicas": [1]}
+    scene = {**chemage.load_scene("silica-tip").todict(), "sweep": sweep}
+    code = SWEEPS.format(scene=repr(scene))
+    (tmp_path / "sweeps.py").write_text(code)
+    words = {"-c": code, "-m": "sweeps"}
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, way, words[way]], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    found = dict(line.split(" ", 1) for line in done.stdout.splitlines())
+    assert [*found] == ["serial", "threads", "processes", "dask"]
+    assert len(set(found.values())) == 1
+    assert "stray" not in done.stdout + done.stderr
+
+
+def test_a_worker_uses_the_plugins_of_the_study_and_says_what_it_lacks(tiny, tmp_path, monkeypatch):
+    scene = {**tiny.scene(), "sweep": {"hold.seed": [0, 1]}}
+    more = (*registry.current().installed(), ("wear", "chemage-wear 2.0"))
+    monkeypatch.setattr(registry.Registry, "installed", lambda self: more)
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0") as made,
+        pytest.raises(ExecutorError, match=r"worker .*'wear' \(chemage-wear 2\.0\) is not installed in this process"),
+    ):
+        chemage.sweep(scene, tmp_path / "out", executor=f"dask:{made.scheduler_address}")
 
 
 # -- pools ------------------------------------------------------------------------------------------------------------
