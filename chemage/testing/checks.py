@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeGuard, TypeVar
 import numpy as np
 
 from chemage.foundation.components import Component
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, MissingError
 from chemage.plugins import registry
 
 try:
@@ -92,7 +92,7 @@ class Check(NamedTuple):
         try:
             with _strict_warnings(), _limited(f"took longer than {LIMIT:g} s"):
                 self.function(self.of(component), **self.inputs)
-        except CheckFailed:
+        except (CheckFailed, MissingError):
             raise
         except AssertionError as failure:
             raise CheckFailed(self.name, name, str(failure)) from failure

@@ -16,7 +16,7 @@ import numpy as np
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
 from chemage.contacts.theory import ContactTheory
-from chemage.foundation.errors import InputError
+from chemage.foundation.errors import InputError, MissingError
 from chemage.surfaces.surface import Roughness, Surface
 from chemage.testing.answers import as_bytes, independent_calls
 from chemage.testing.checks import (
@@ -73,6 +73,8 @@ def _accepted(
     """The contact; None where the solver refuses it."""
     try:
         return component.solve(surface, load)
+    except MissingError:
+        raise
     except InputError:
         return None
 

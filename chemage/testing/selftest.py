@@ -17,7 +17,12 @@ import numpy as np
 
 from chemage.foundation import container, random
 from chemage.foundation.components import Component
-from chemage.foundation.errors import ChemageError, InputError, PluginError
+from chemage.foundation.errors import (
+    ChemageError,
+    InputError,
+    MissingError,
+    PluginError,
+)
 from chemage.foundation.files import read_bytes, write_file
 from chemage.foundation.records import Record
 from chemage.plugins import registry
@@ -72,6 +77,8 @@ def _outcome(part: str, tests: list[Callable[[], None]]) -> PartOutcome:
     for test in tests:
         try:
             test()
+        except MissingError as missing:
+            return PartOutcome(part, 0, [], 0.0, str(missing))
         except CheckFailed as failure:
             problems.append(f"{failure.check}: {failure.args[2]}")
         except Exception as error:
