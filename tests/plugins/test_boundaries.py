@@ -212,6 +212,22 @@ def test_every_package_is_installed_and_found_by_editors():
         assert path.name == "__init__.py" or (path.parent / "__init__.py").exists(), f"{path.parent} is no package"
 
 
+def test_ci_tests_every_library_at_its_floor():
+    """All but ContactMechanics, which needs a newer numpy, and the tools of the documentation and of developers."""
+    with open(ROOT / "pyproject.toml", "rb") as file:
+        project = tomllib.load(file)["project"]
+    script = (ROOT / ".ci" / "run").read_text()
+    extras = re.search(r'^ *prepare oldest python3 "==" (.*)', script, re.MULTILINE)[1]
+    functions = re.search(r"^libraries\(\) \{.*?^\}", script, re.MULTILINE | re.DOTALL)[0]
+    command = ["bash", "-c", f"{functions}\nlibraries {extras}"]
+    installed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    needed = {*project["dependencies"]}
+    for name, libraries in project["optional-dependencies"].items():
+        needed |= {*libraries} if name not in ("docs", "dev", "contactmechanics") else set()
+    assert {*installed} == {one for one in needed if not one.startswith("chemage")}
+    assert [one for one in installed if not re.fullmatch(r"[\w-]+>=[\d.]+", one)] == []
+
+
 # -- the one door to files --------------------------------------------------------------------------------------------
 
 #: modules that open files by their names: the door, and the memory of this machine, which the door rests on
