@@ -162,7 +162,7 @@ def warmup(
 def selftest(as_json: JsonOpt = False) -> None:
     """Test this installation.
 
-    In about a minute, against closed forms and known numbers.
+    In less than a minute, against closed forms and known numbers.
 
     Every solver, engine, distribution, interaction, law and reader, the random numbers and the files: what they compute
     on this machine is compared with what is known. Prints the processor, the libraries and the folders of compiled

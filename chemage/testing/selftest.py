@@ -9,13 +9,14 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from chemage.foundation import container, random
+from chemage.foundation import container, random, threads
 from chemage.foundation.components import Component
 from chemage.foundation.errors import (
     ChemageError,
@@ -28,6 +29,7 @@ from chemage.foundation.records import Record
 from chemage.plugins import registry
 from chemage.plugins.sources import components_in
 from chemage.scene.files import is_sweep, load_scene
+from chemage.studies.runner import Processes
 from chemage.surfaces.surface import Surface
 from chemage.testing.checks import CheckFailed, checks_for, refuses, require
 from chemage.testing.contacts import rough_surface
@@ -48,28 +50,43 @@ class PartOutcome(NamedTuple):
 
 
 def selftest() -> Iterator[PartOutcome]:
-    """Run the tests, one part at a time: random numbers, files, then every component that can be made."""
+    """Run the tests: random numbers and files, then every component that can be made, in a process on each processor."""
     yield _outcome("random numbers", [random_numbers_are_the_published_ones])
     yield _outcome(
         "files", [files_give_back_what_was_written, bytes_are_the_known_ones]
     )
     components, unmade = examples()
-    with tempfile.TemporaryDirectory() as folder:
-        for component in components:
-            ready, inputs = _with_file(component, Path(folder))
-            known = [
-                check
-                for check in checks_for(ready, **inputs)
-                if getattr(check.function, "known", False)
-            ]
-            part = f"{component.role} {component.kind}"
-            if tests := [
-                partial(check, ready) for check in known if not check.missing
-            ]:
-                yield _outcome(part, tests)
-            elif known:
-                unmade[part] = f"it needs {' and '.join(known[0].missing)}"
+    with Processes(threads.available()) as pool:
+        running = [(one, pool.submit(_tested, one)) for one in components]
+        for component, future in running:
+            try:
+                outcome = future.result()
+            except BrokenExecutor as death:
+                outcome = PartOutcome(_part(component), 0, [str(death)], 0.0)
+            if outcome is not None:
+                yield outcome
     yield from (PartOutcome(part, 0, [], 0.0, why) for part, why in unmade.items())
+
+
+def _part(component: Component) -> str:
+    return f"{component.role} {component.kind}"
+
+
+def _tested(component: Component) -> PartOutcome | None:
+    """How the tests of a component ended; None where it has none."""
+    with tempfile.TemporaryDirectory() as folder:
+        ready, inputs = _with_file(component, Path(folder))
+        known = [
+            check
+            for check in checks_for(ready, **inputs)
+            if getattr(check.function, "known", False)
+        ]
+        if not known:
+            return None
+        if tests := [partial(check, ready) for check in known if not check.missing]:
+            return _outcome(_part(component), tests)
+        why = f"it needs {' and '.join(known[0].missing)}"
+        return PartOutcome(_part(component), 0, [], 0.0, why)
 
 
 def _outcome(part: str, tests: list[Callable[[], None]]) -> PartOutcome:

@@ -189,6 +189,7 @@ def test_a_hook_of_the_kinetics_leaves_contacts_as_they_are(lab):
     assert lab.sweep()[1:3] == (0, 8)
 
 
+@pytest.mark.long
 def test_a_hook_of_pulls_is_asked_about_a_history_that_was_swept_before(site, tmp_path):
     scene = chemage.load_scene("silica-history").todict()
     scene |= {
