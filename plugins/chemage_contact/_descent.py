@@ -545,9 +545,7 @@ class Descent:
     def _make_split(self) -> None:
         """The split operator and its inverse, where the method uses them and the grid allows them."""
         grid = self.grid
-        self.split = self.method == 0 and suits(
-            grid.substrate, grid.settings.any_size
-        )
+        self.split = self.method == 0 and suits(grid.substrate)
         self.near: Split | None = None
         self.near_inverse: Split | None = None
         if self.split:

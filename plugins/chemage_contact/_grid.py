@@ -12,8 +12,8 @@ W)·symbol with a Gaussian W that the coarse grid resolves. The coarse part goes
 on the coarse grid and interpolation; the rest is a stencil of nine by nine pixels, fitted so that the relative error
 over all wave vectors is smallest. It costs a fraction of the Fourier transform of the fine grid, even less where little
 is in contact, and is accurate to about 10 %: not enough for a solution, but enough to compute corrections to one. A
-coarse pixel is ``RATIO`` fine ones wide. It is slightly less wide where a side is no multiple of that; the weights of
-interpolation are then tables, and the stencil is the same.
+coarse pixel is ``RATIO`` fine ones wide, or slightly less where the coarse grid then transforms faster; the stencil is
+the same.
 """
 
 from __future__ import annotations
@@ -284,20 +284,9 @@ class Convolution:
         return self._unpadded.in_place(z, False).view(self.dtype)
 
 
-def suits(body: Substrate, any_size: bool = False) -> bool:
-    """Whether the grid is periodic, large enough for it to pay, and divides into coarse pixels (or ``any_size``)."""
-    if body.padded != body.shape or min(body.shape) < 2 * SAMPLE:
-        return False
-    # of columns that are not whole coarse pixels, the last block must hold the reach of the stencil
-    width, per_row = kernels.widths(body.shape[1])
-    return divides(body.shape) or (
-        any_size and body.shape[1] - width * (per_row - 1) >= kernels.REACH
-    )
-
-
-def divides(shape: tuple[int, int]) -> bool:
-    """Whether a grid divides into coarse pixels."""
-    return all(n % RATIO == 0 for n in shape)
+def suits(body: Substrate) -> bool:
+    """Whether the grid is periodic and large enough for the split operator to pay."""
+    return body.padded == body.shape and min(body.shape) >= 2 * SAMPLE
 
 
 class Split:
@@ -315,19 +304,14 @@ class Split:
     ) -> None:
         self._run = team.run
         nx, ny = body.shape
-        coarse = (nx // RATIO, ny // RATIO)
-        self._axes: tuple[kernels.Interpolation, kernels.Interpolation] | None = (
-            None
+        coarse = (
+            fast_length(math.ceil(nx / RATIO)),
+            fast_length(math.ceil(ny / RATIO)),
         )
-        if not divides(body.shape):
-            coarse = (
-                fast_length(math.ceil(nx / RATIO)),
-                fast_length(math.ceil(ny / RATIO)),
-            )
-            self._axes = (
-                _axis(nx, coarse[0], np.dtype(dtype)),
-                _axis(ny, coarse[1], np.dtype(dtype)),
-            )
+        self._axes = (
+            along_rows(nx, coarse[0], dtype),
+            along_columns(ny, coarse[1], dtype),
+        )
         self._transforms = Transforms(coarse, coarse, library, team.threads)
         far = body.regrid(coarse).in_pixels(body, inverse) * _far(
             body.shape, coarse
@@ -349,56 +333,42 @@ class Split:
 
         Σ x·out over each block is in ``part[:, 0]`` afterwards.
         """
-        if self._axes is None:
-            self._run(
-                kernels.restrict,
-                active.coarse_edges,
-                active.blocks,
-                x,
-                self._coarse,
-            )
-        else:
-            self._run(
-                kernels.restrict_between,
-                len(self._coarse),
-                active.blocks,
-                x,
-                *self._axes,
-                self._coarse,
-            )
+        size = len(self._coarse)
+        edges = [edge * size // len(x) for edge in active.row_edges]
+        across = x, *self._axes, self._coarse
+        self._run(kernels.restrict, edges, active.blocks, *across)
         spectrum = self._transforms.forward(self._coarse)
         spectrum *= self._far
         far = self._transforms.backward(spectrum)
-        if self._axes is None:
-            self._run(
-                kernels.local,
-                active.row_edges,
-                active.blocks,
-                x,
-                self._stencil,
-                far,
-                out,
-                part,
-            )
-        else:
-            fields = x, self._stencil, far, *self._axes
-            self._run(
-                kernels.local_between,
-                active.row_edges,
-                active.blocks,
-                *fields,
-                out,
-                part,
-            )
+        fields = x, self._stencil, far, *self._axes, out, part
+        self._run(kernels.local, active.row_edges, active.blocks, *fields)
         return out
 
 
-def _axis(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
+def along_rows(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
     """Interpolation along an axis of ``coarse`` pixels to one of ``fine``, periodic."""
     place = np.arange(fine) * coarse
     lower = place // fine
-    return kernels.Interpolation(
-        lower, (lower + 1) % coarse, ((place - lower * fine) / fine).astype(dtype)
+    weight = (place - lower * fine) / fine
+    return kernels.Interpolation(lower, (lower + 1) % coarse, weight.astype(dtype))
+
+
+def along_columns(fine: int, coarse: int, dtype: Any) -> kernels.Taps:
+    """The same, as the kernels take it along columns."""
+    place = np.arange(coarse) * fine
+    begin, centre = -(-place // coarse), (2 * place + coarse) // (2 * coarse)
+    along = np.arange(kernels.REACH + 1)[:, None] * coarse
+    before, behind = (
+        np.maximum(1 - np.abs(centre * coarse - place + side) / fine, 0)
+        for side in (-along, along)
+    )
+    return kernels.Taps(
+        np.dtype(dtype).type(coarse / fine),
+        begin.astype(np.uint64),
+        ((begin * coarse - place) / coarse).astype(dtype),
+        centre.astype(np.uint64),
+        (0.5 * (before + behind)).astype(dtype),
+        (0.5 * (behind - before)).astype(dtype),
     )
 
 
@@ -487,8 +457,6 @@ class Settings:
     pressure_tolerance: float | None = None
     #: an entry of ``_descent.METHODS``: 0 uses every acceleration
     method: int = 0
-    #: whether the split operator may be used on grids whose sides are no multiples of its ratio
-    any_size: bool = False
 
 
 class GridProblem:

@@ -18,7 +18,7 @@ negative where p = H, by the plastic displacement. Method:
 * Most iterations use the split operator of ``_grid``, a stencil and a coarse grid, which costs less than one
   transform and nothing where nothing touches. The gap is evaluated exactly every few iterations, and convergence is
   judged by that gap alone (defect correction).
-* Where the split operator does not apply (odd sizes, free boundary), the step length comes from Parseval's theorem, and
+* Where the split operator does not apply (few pixels, free boundary), the step length comes from Parseval's theorem, and
   a step that clips nothing reuses the spectrum of its direction: four or five transforms per iteration.
 
 Everything is made dimensionless: heights in units of their rms value, measured down from the highest point; pressure
@@ -46,8 +46,9 @@ from ._grid import (
     PRECISIONS,
     GridProblem,
     Settings,
+    along_columns,
+    along_rows,
     dimensionless,
-    divides,
     grids,
     resampled,
     suits,
@@ -263,10 +264,7 @@ def _calls(
     p, pixel = np.zeros((1, 1), state), np.zeros((1, 1), work)
     place, source = np.zeros(1, np.int64), np.zeros((1, 1), heights)
     source.setflags(write=False)  # as the heights of a surface
-    axis, work_axis = (
-        kernels.Interpolation(place, place, np.zeros(1, dtype))
-        for dtype in (np.float64, work)
-    )
+    axis = kernels.Interpolation(place, place, np.zeros(1))
     fields = "u", "v", "d", "e", "y", "x", "out", "coarse", "stencil"
     known: dict[str, Any] = {
         **dict.fromkeys(fields, pixel),
@@ -276,8 +274,8 @@ def _calls(
         "state": DescentState(p, p),
         "search": kernels.Search(pixel, pixel, pixel, pixel, pixel),
         "hardness": state(1) if bounded else None,
-        "rows": work_axis,
-        "columns": work_axis,
+        "rows": along_rows(4, 1, work),
+        "columns": along_columns(4, 1, work),
         "part": np.zeros((1, 7)),
         "ny": 1,
         "clear": True,
@@ -319,7 +317,7 @@ def _calls(
             if body.periodic and shape[1] % 2 == 0
             else kernels.multiply
         )
-        split = suits(here, settings.any_size)
+        split = suits(here)
         if shape == shapes[-1]:
             yield spectral(convolution, state)
         else:
@@ -336,12 +334,9 @@ def _calls(
         yield call(kernels.subtract, heights=surface)
         yield call(kernels.residual)
         yield call(kernels.indicator)
-        if split and divides(shape):
+        if split:
             yield call(kernels.restrict)
             yield call(kernels.local)
-        elif split:
-            yield call(kernels.restrict_between)
-            yield call(kernels.local_between)
         yield from map(call, (kernels.products, kernels.direction))
         if not split:
             yield spectral(kernels.quadratic_form)

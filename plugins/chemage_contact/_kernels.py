@@ -30,7 +30,7 @@ Array = NDArray[Any]
 
 #: largest number of pixels in a block
 WIDTH = 512
-#: fine pixels per coarse pixel; a constant, so that loops over it unroll
+#: most fine pixels per coarse pixel; a constant, so that loops over it unroll
 RATIO = 4
 #: reach of the stencil of ``local`` in pixels
 REACH = 4
@@ -99,10 +99,29 @@ class Interpolation(NamedTuple):
     weight: Array
 
 
+class Taps(NamedTuple):
+    """Linear interpolation of a coarse line on one of pixels that are finer by up to ``RATIO``, and its transpose."""
+
+    step: Any
+    """size of a fine pixel over that of a coarse one"""
+    begin: Array
+    """(size,) the first fine pixel that is not before a coarse one"""
+    shift: Array
+    """(size,) how far behind it is, in fine pixels"""
+    centre: Array
+    """(size,) the nearest fine pixel"""
+    even: Array
+    """(REACH + 1, size) half the sum of the weights of the fine pixels so far before and behind the nearest one, and"""
+    odd: Array
+    """(REACH + 1, size) half their difference"""
+
+
 def widths(columns: int) -> tuple[int, int]:
     """Pixels per block of a row of ``columns``, and blocks per row."""
     per_row = math.ceil(columns / WIDTH)
     width = min(columns, 16 * math.ceil(columns / per_row / 16))
+    while (columns - 1) % width + 1 < REACH < width:
+        width -= 16  # the last block must hold the reach of the stencil
     return width, math.ceil(columns / width)
 
 
@@ -575,27 +594,31 @@ def resample(lo, hi, source, rows, columns, target):
 
 
 @kernel(**_OPTIONS)
-def restrict(lo, hi, blocks, x, coarse):
-    """Rows lo … hi of coarse[I, J] = Σ φ(i - RATIO·I) φ(j - RATIO·J) x[i, j], φ the hat of half-width RATIO;
-    periodic.
+def restrict(lo, hi, blocks, x, rows, columns, coarse):
+    """Rows lo … hi of coarse = Pᵀ x, P the interpolation along ``rows`` and ``columns``; periodic.
 
-    x must be zero in blocks that are not active. Reads the active part of x twice (2·RATIO - 1 rows per coarse row).
+    x must be zero in blocks that are not active. Reads the active part of x twice.
     """
     nx, ny = x.shape
+    size = coarse.shape[0]
     width, per_row, active = blocks.width, blocks.per_row, blocks.active
-    column = np.zeros(ny + 2 * RATIO, x.dtype)  # with a halo of one coarse pixel
+    column = np.zeros(ny + 2 * REACH, x.dtype)  # with a halo
     for row in range(lo, hi):
         column[:] = 0
         touched = False
-        for a in range(1 - RATIO, RATIO):
-            i = (row * RATIO + a) % nx
-            weight = x.dtype.type(1.0 - abs(a) / RATIO)
+        # fine rows strictly between the coarse rows before and behind this one: ceil((row - 1)·nx/size) …
+        first = -(((1 - row) * nx) // size)
+        last = -((-(row + 1) * nx) // size)
+        for k in range(first, last):
+            i = k % nx
+            weight = rows.weight[i]
+            if rows.lower[i] == row:
+                weight = x.dtype.type(1) - weight
             for s in range(per_row):
                 if active[i * per_row + s]:
                     start = s * width
                     stop = min(ny, start + width)
-                    xb = x[i, start:stop]
-                    cb = column[RATIO + start : RATIO + stop]
+                    xb, cb = x[i, start:stop], column[REACH + start : REACH + stop]
                     for j in range(xb.size):
                         cb[j] += weight * xb[j]
                     touched = True
@@ -603,41 +626,38 @@ def restrict(lo, hi, blocks, x, coarse):
         if not touched:
             out[:] = 0
             continue
-        for j in range(RATIO):
-            column[j] = column[ny + j]
-            column[ny + RATIO + j] = column[RATIO + j]
+        column[:REACH] = column[ny : ny + REACH]
+        column[ny + REACH :] = column[REACH : 2 * REACH]
         for k in range(out.size):
-            total = column[(k + 1) * RATIO]
-            for a in range(1, RATIO):
-                total += x.dtype.type(1.0 - a / RATIO) * (
-                    column[(k + 1) * RATIO - a] + column[(k + 1) * RATIO + a]
-                )
+            at = columns.centre[k] + _U(REACH)
+            total = columns.even[0, k] * column[at]
+            for a in range(1, REACH + 1):
+                before, behind = column[at - _U(a)], column[at + _U(a)]
+                total += columns.even[a, k] * (before + behind)
+                total += columns.odd[a, k] * (behind - before)
             out[k] = total
 
 
-# The helpers of ``local`` take their indices as unsigned integers: a signed one might count from the end of an array,
+# ``local`` and its helpers take their indices as unsigned integers: a signed one might count from the end of an array,
 # and the test for that keeps a loop out of vector registers. They take whole arrays, because every slice that ``local``
 # would make of one costs an atomic reference count.
 
 
 @kernel(**_OPTIONS)
-def _interpolate(coarse, row, first, count, fine, s, f):
-    """fine[s, f] = ``RATIO`` values for each of the coarse pixels first … first + count of a row; linear, periodic."""
-    scale = fine.dtype.type(1.0 / RATIO)
+def _interpolate(coarse, row, columns, first, last, start, fine, s, f):
+    """fine[s, f, REACH …] = a row of coarse interpolated between its pixels first … last, from column ``start`` on. Each
+    writes ``RATIO`` columns; where there are fewer before the next one, that overwrites the rest."""
     size = _U(coarse.shape[1])
-    within = min(count, size - _U(1) - first)
-    for k in range(within):
-        value = coarse[row, first + k]
-        slope = (coarse[row, first + k + _U(1)] - value) * scale
+    for k in range(first, last):
+        value = coarse[row, k]
+        after = k + _U(1)
+        slope = (
+            coarse[row, after if after < size else _U(0)] - value
+        ) * columns.step
+        value += columns.shift[k] * slope
+        to = columns.begin[k] + _U(REACH) - start
         for a in range(RATIO):
-            fine[s, f, k * _U(RATIO) + _U(a)] = value + fine.dtype.type(a) * slope
-    if within < count:
-        value = coarse[row, size - _U(1)]
-        slope = (coarse[row, _U(0)] - value) * scale
-        for a in range(RATIO):
-            fine[s, f, within * _U(RATIO) + _U(a)] = (
-                value + fine.dtype.type(a) * slope
-            )
+            fine[s, f, to + _U(a)] = value + fine.dtype.type(a) * slope
 
 
 @kernel(**_OPTIONS)
@@ -677,12 +697,12 @@ def _stencil_columns(sums, weights, count):
 
 
 @kernel(**_OPTIONS)
-def _stencil_rows(sums, fine, s, weight, x, out, row, first, count):
-    """out = the stencil along rows, from the lines of ``sums``, plus the two rows fine[s] interpolated. Returns
-    Σ x·out."""
+def _stencil_rows(sums, fine, s, lower, weight, x, out, row, first, count):
+    """out = the stencil along rows, from the lines of ``sums``, plus the two rows fine[s] interpolated from ``lower``
+    to the other one. Returns Σ x·out."""
     for j in range(count):
-        value = fine[s, _U(0), j]
-        value += weight * (fine[s, _U(1), j] - value)
+        value = fine[s, lower, _U(REACH) + j]
+        value += weight * (fine[s, _U(1) - lower, _U(REACH) + j] - value)
         out[row, first + j] = value + (
             sums[_U(4) + j]
             + (sums[_U(LINE + 3) + j] + sums[_U(LINE + 5) + j])
@@ -697,135 +717,22 @@ def _stencil_rows(sums, fine, s, weight, x, out, row, first, count):
 
 
 @kernel(**_OPTIONS)
-def local(lo, hi, blocks, x, stencil, coarse, out, part):
-    """out = stencil * x + interpolated coarse, in active blocks of rows lo … hi; periodic. part[b] = Σ x·out.
+def local(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
+    """out = stencil * x + coarse interpolated along ``rows`` and ``columns``, in active blocks of rows lo … hi; periodic.
+    part[b] = Σ x·out.
 
     ``stencil[a, b]`` is the weight of the up to four neighbours at distances (a, b) ≤ REACH. x must be zero in blocks
-    that are not active. The width of the blocks and the number of columns are multiples of ``RATIO``. Reads
-    2·REACH + 1 rows of x, which stay in cache; writes out once. Sums along columns are made first and then added along
-    rows, which needs a third of the loads of one pass over all pixels of the stencil.
+    that are not active. Reads 2·REACH + 1 rows of x, which stay in cache; writes out once. Sums along columns are made
+    first and then added along rows, which needs a third of the loads of one pass over all pixels of the stencil.
     """
     nx, ny = x.shape
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)
-    fine = np.zeros((per_row, 2, blocks.width), x.dtype)
-    ready = np.full(
-        per_row, -1
-    )  # coarse row that ``fine`` was interpolated from, block by block
-    for row in range(lo, hi):
-        base = row // RATIO
-        weight = x.dtype.type((row - base * RATIO) / RATIO)
-        for s in range(per_row):
-            b = row * per_row + s
-            part[b, 0] = 0.0
-            if not blocks.active[b]:
-                continue
-            _, start, stop = _block(blocks, b, ny)
-            n = stop - start
-            if ready[s] != base:
-                ready[s] = base
-                for f in range(2):
-                    source = _U((base + f) % coarse.shape[0])
-                    _interpolate(
-                        coarse,
-                        source,
-                        _U(start // RATIO),
-                        _U(n // RATIO),
-                        fine,
-                        _U(s),
-                        _U(f),
-                    )
-            left = REACH if start > 0 else 0
-            right = REACH if stop < ny else 0
-            for a in range(REACH + 1):
-                above, below, line = (
-                    _U((row - a) % nx),
-                    _U((row + a) % nx),
-                    a * LINE,
-                )
-                _pair_rows(
-                    x,
-                    above,
-                    below,
-                    _U(start - left),
-                    _U(left + n + right),
-                    sums,
-                    _U(line + REACH - left),
-                )
-                if left == 0:
-                    _pair_rows(
-                        x, above, below, _U(ny - REACH), _U(REACH), sums, _U(line)
-                    )
-                if right == 0:
-                    _pair_rows(
-                        x,
-                        above,
-                        below,
-                        _U(0),
-                        _U(REACH),
-                        sums,
-                        _U(line + REACH + n),
-                    )
-            _stencil_columns(sums, stencil, _U(n + 2 * REACH))
-            part[b, 0] = _stencil_rows(
-                sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n)
-            )
-
-
-# The same for coarse pixels that are not a whole number of fine ones wide, with tables of interpolation.
-
-
-@kernel(**_OPTIONS)
-def restrict_between(lo, hi, blocks, x, rows, columns, coarse):
-    """Rows lo … hi of coarse = Pᵀ x, P the interpolation along ``rows`` and ``columns``; periodic.
-
-    x must be zero in blocks that are not active.
-    """
-    nx, ny = x.shape
-    size = coarse.shape[0]
-    width, per_row, active = blocks.width, blocks.per_row, blocks.active
-    column = np.zeros(ny, x.dtype)
-    for row in range(lo, hi):
-        column[:] = 0
-        touched = False
-        # fine rows strictly between the coarse rows before and behind this one: ceil((row - 1)·nx/size) …
-        first = -(((1 - row) * nx) // size)
-        last = -((-(row + 1) * nx) // size)
-        for k in range(first, last):
-            i = k % nx
-            weight = (
-                rows.weight[i]
-                if rows.lower[i] != row
-                else x.dtype.type(1) - rows.weight[i]
-            )
-            for s in range(per_row):
-                if active[i * per_row + s]:
-                    start = s * width
-                    stop = min(ny, start + width)
-                    xb, cb = x[i, start:stop], column[start:stop]
-                    for j in range(xb.size):
-                        cb[j] += weight * xb[j]
-                    touched = True
-        out = coarse[row]
-        out[:] = 0
-        if touched:
-            for j in range(ny):
-                upper = columns.weight[j] * column[j]
-                out[columns.lower[j]] += column[j] - upper
-                out[columns.upper[j]] += upper
-
-
-@kernel(**_OPTIONS)
-def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
-    """As ``local``, where ``rows`` and ``columns`` interpolate ``coarse``; the last block has REACH columns or more."""
-    nx, ny = x.shape
-    per_row = blocks.per_row
-    sums = np.zeros((REACH + 1) * LINE, x.dtype)
-    fine = np.zeros((per_row, 2, blocks.width), x.dtype)
+    fine = np.zeros((per_row, 2, blocks.width + 2 * REACH), x.dtype)
     # coarse row that each line of ``fine`` was interpolated from: the odd and even ones take turns, block by block
     ready = np.full((per_row, 2), -1)
     for row in range(lo, hi):
-        base = rows.lower[row]
+        base = np.int64(rows.lower[row])
         for s in range(per_row):
             b = row * per_row + s
             part[b, 0] = 0.0
@@ -837,11 +744,11 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                 f = needed % 2
                 if ready[s, f] != needed:
                     ready[s, f] = needed
-                    source = coarse[needed % coarse.shape[0]]
-                    for j in range(n):
-                        value = source[columns.lower[start + j]]
-                        step = source[columns.upper[start + j]] - value
-                        fine[s, f, j] = value + columns.weight[start + j] * step
+                    source = _U(needed % coarse.shape[0])
+                    first = _U(start * coarse.shape[1] // ny)
+                    last = _U((stop - 1) * coarse.shape[1] // ny + 1)
+                    fields = coarse, source, columns, first, last, _U(start), fine
+                    _interpolate(*fields, _U(s), _U(f))
             left = REACH if start > 0 else 0
             right = REACH if stop < ny else 0
             for a in range(REACH + 1):
@@ -874,11 +781,5 @@ def local_between(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                         _U(line + REACH + n),
                     )
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
-            weight = (
-                rows.weight[row]
-                if base % 2 == 0
-                else x.dtype.type(1) - rows.weight[row]
-            )
-            part[b, 0] = _stencil_rows(
-                sums, fine, _U(s), weight, x, out, _U(row), _U(start), _U(n)
-            )
+            fields = sums, fine, _U(s), _U(base % 2), rows.weight[row], x, out
+            part[b, 0] = _stencil_rows(*fields, _U(row), _U(start), _U(n))

@@ -84,7 +84,7 @@ class Team:
 
 
 class Active:
-    """The active blocks of an iteration, and ranges of blocks, rows and coarse rows of about equal work per thread.
+    """The active blocks of an iteration, and ranges of blocks and rows of about equal work per thread.
 
     ``mask`` (rows · per_row,) bool or uint8, block by block; ``width`` pixels per block.
     """
@@ -96,7 +96,6 @@ class Active:
         rows = mask.size // per_row
         shares = 1 if np.count_nonzero(mask) * width < FEW_PIXELS else threads
         self.block_edges, self.row_edges = [0, mask.size], [0, rows]
-        self.coarse_edges = [0, rows // kernels.RATIO]
         if shares == 1:
             return
         done = np.concatenate(
@@ -116,7 +115,6 @@ class Active:
             *(int(r) for r in np.searchsorted(done[::per_row], goals)),
             rows,
         ]
-        self.coarse_edges = [edge // kernels.RATIO for edge in self.row_edges]
 
 
 Floats = NDArray[np.float64]

@@ -538,8 +538,6 @@ class FFTBEM(GridSolver):
             levels=self.levels,
             library=self.fft,
             pressure_tolerance=self.pressure_tolerance,
-            # a contact without gap keeps the bits it had before there was a split operator for every size
-            any_size=self.gap,
         )
 
     def _untouched(self, surface: Surface, approach: float) -> ContactSolution:

@@ -110,7 +110,7 @@ def test_more_load_means_more_of_everything(shape, seed, mean, factor):
 @given(shape=st.tuples(st.integers(128, 150), st.integers(128, 150)), seed=st.integers(0, 99), mean=MEANS)
 @settings(max_examples=12)
 def test_every_method_finds_the_same(shape, seed, mean):
-    """Sizes divisible by four take the split operator, others do not; the answer must not show it."""
+    """With the split operator on any size, and with transforms alone on the coarse grids."""
     h = heights_of(shape, seed)
     mixed = pressed(h, mean).pressure
     same(pressed(h, mean, precision="double", levels=1).pressure, mixed)
