@@ -55,6 +55,10 @@ OF_AREA = ("area_fraction", "corrected_area", "kappa", "mean_contact_pressure")
 #: at least (``convergence["attraction"]``), and half widths but that of the area are 1 + PULLED·t as large, t being tension
 #: over pressure. A solver whose rim is less well known multiplies RIM by ``convergence["pixel_factor"]``
 OVER, RIM, COUNT, FLOWN, PULLED, TOP = 0.05, 0.09, 0.5, 0.15, 5.0, 0.7
+#: Pressures at a rim are the same that differ by less than this share of what as many different ones would; of m that are,
+#: the count scatters ALIKE √m as much, for a straight rim may be anywhere between two lines of pixels (closed forms of
+#: tips and waves). Each pixel that may hide a gap has a rim of four.
+SAME, ALIKE = 0.2, 1.2
 OF_RIM = {
     "max_pressure": (0.12, 0.35),
     "rms_pressure": (0.05, 0.14),
@@ -109,21 +113,27 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
     area, told = contact.area, contact.convergence
     excess = 1 - contact.corrected_area / area
     factor = float(told.get("pixel_factor", 1.0))
-    count = 0.0
+    flow = contact.plastic_displacement
+    flows = flow is not None and bool(flow.any())
+    limit = contact.pressure.max() if flows else math.inf
+    count, alike = 0.0, 1.0
     if contact.contact_pixels != "centres":
-        count = math.sqrt(contact.perimeter * contact.pixel_size**3) / area
+        edge, hidden = _rim(contact)
+        # where material flows, all pressures are the same
+        alike = _alike(contact.pressure[edge & (contact.pressure < limit)])
+        edges = contact.perimeter / contact.pixel_size + 4 * hidden
+        count = math.sqrt(edges) / contact.sites.size
     cut = not contact.periodic and _touches_edge(contact)
     alone = contact.patches == 1
     wide = 2 if cut or alone else 1
-    half = wide * math.hypot(RIM * factor * excess, COUNT * count) * area
+    scatter = max(wide, alike) * COUNT * count
+    half = math.hypot(wide * RIM * factor * excess, scatter) * area
     shift = (wide * OVER - 1) * excess * area
     found["area"]["pixel"] = (half - shift, half + shift)
     attraction = told.get("attraction", 0.0)
     covered = math.sqrt(contact.sites.size / contact.pressure.size)
     highest = max(float(np.abs(contact.pressure).max()), attraction)
     patch = math.sqrt(area / max(contact.patches, 1))
-    flow = contact.plastic_displacement
-    flows = flow is not None and bool(flow.any())
     approach = max(
         abs(contact.displacement or 0.0), patch * highest / contact.modulus
     )
@@ -145,6 +155,39 @@ def _pixel(contact: ContactSolution, found: dict[str, dict[str, Ends]]) -> None:
     elif cut:
         for name in ("max_pressure", "rms_pressure"):
             found[name]["pixel"] = (math.nan, math.nan)
+
+
+def _rim(contact: ContactSolution) -> tuple[np.ndarray, int]:
+    """The pixels (nx, ny) at the rim of the contact, and how many others may hide a gap smaller than themselves: those
+    that bear less than half the mean pressure of their four neighbours, which is what a parabola that touches zero
+    between pixels leaves, twice over."""
+    mode = "wrap" if contact.periodic else "edge"
+    touching: np.ndarray = contact.contact
+    pressure: np.ndarray = contact.pressure
+    there, borne = (np.pad(x, 1, mode) for x in (touching, pressure))
+    within, around = touching.copy(), np.zeros(pressure.shape)
+    for shift, axis in ((0, 0), (2, 0), (0, 1), (2, 1)):
+        beside = [slice(1, -1), slice(1, -1)]
+        beside[axis] = slice(shift, shift + pressure.shape[axis])
+        within &= there[tuple(beside)]
+        around += borne[tuple(beside)]
+    if contact.touching is not None:  # tension needs no gap nearby
+        return touching & ~within, 0
+    hidden = within & (pressure < around / 8)
+    return touching & ~within | hidden, int(np.count_nonzero(hidden))
+
+
+def _alike(pressures: np.ndarray) -> float:
+    """By how much the count of pixels at a rim scatters more than that of independent ones: those that a symmetry of
+    surface and pixels makes alike, which have the same pressure, are counted or missed together."""
+    if not pressures.size:
+        return 1.0
+    steps = np.diff(np.sort(pressures), prepend=-math.inf)
+    distinct = np.count_nonzero(
+        steps > SAME * np.median(pressures) / pressures.size
+    )
+    each = pressures.size / distinct
+    return ALIKE * math.sqrt(each) if each >= 2 else 1.0
 
 
 def _tension(contact: ContactSolution) -> float:
@@ -176,7 +219,10 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
     below, above = (math.hypot(*ends) for ends in zip(*wide, strict=True))
     below, above = below - shift, above + shift
     if name not in found:
-        low, high = max(area - below, contact.least_area), area + above
+        low, high = (
+            max(area - below, contact.least_area),
+            min(area + above, contact.nominal_area),
+        )
         if name == "mean_contact_pressure":
             low, high = (
                 value * area / high,
@@ -188,7 +234,8 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
             low, high, (high - low) / 2 / NORMAL_LIMIT, stated="ends"
         )
     least = {"area": contact.least_area, "load": 0.0}.get(name, -math.inf)
-    low, high = max(value - below, least), value + above
+    most = contact.nominal_area if name == "area" else math.inf
+    low, high = max(value - below, least), min(value + above, most)
     return quantity.within(
         low,
         high,

@@ -88,6 +88,57 @@ def test_the_interval_of_an_area_is_about_the_one_without_the_excess_of_its_rim(
     assert area.errors["pixel"].size == pytest.approx((area.high - area.low) / 4, rel=0.05)
 
 
+def held(found: Any, truth: float) -> bool:
+    return found.low <= truth * (1 + 1e-9) and truth * (1 - 1e-9) <= found.high
+
+
+@pytest.mark.parametrize("tip", ["sphere", "cone"])
+def test_the_area_of_a_tip_in_the_middle_of_its_pixels_is_within_its_interval(tip):
+    """Eight pixels come into contact at a time, and four of eight or none are missed."""
+    distances = np.hypot(*np.meshgrid(*[(np.arange(64) - 31.5) * 0.5] * 2))
+    inside = []
+    for edge in np.random.default_rng(7).uniform(3.0, 13.0, 40):
+        if tip == "sphere":
+            heights, load = -(distances**2) / 2 / 50.0, 4 * E * edge**3 / 3 / 50.0
+        else:
+            heights, load = -0.1 * distances, math.pi * edge**2 * 0.1 * E / 2
+        surface = ca.Surface(heights=heights, pixel_size=0.5, periodic=False)
+        found = ca.contact("fft-bem", modulus=E).solve(surface, load).quantity("area")
+        assert found.high - found.low < 2.6 * math.sqrt(2 * math.pi * edge / 0.5)
+        inside.append(held(found, math.pi * edge**2))
+    assert np.mean(inside) >= 0.95
+
+
+@pytest.mark.parametrize("over", [2 / 3, 0.99, 0.9999, 0.999999])
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.5])
+def test_the_area_of_a_wave_is_within_its_interval(over, shift):
+    """Westergaard's, up to full contact, where what is apart is less than a pixel wide."""
+    inside = []
+    for pixels in range(32, 128, 8):
+        wave = np.cos(2 * math.pi * (np.arange(pixels) + shift) / pixels)
+        surface = ca.Surface(heights=np.tile(wave[:, None], pixels), pixel_size=1.0)
+        full = math.pi * E / pixels
+        contact = ca.contact("fft-bem", modulus=E).solve(surface, over * full * pixels**2)
+        fraction = contact.quantity("area_fraction")
+        assert fraction.high <= 1
+        assert fraction.high - fraction.low < 4 / pixels
+        inside.append(held(fraction, 2 / math.pi * math.asin(math.sqrt(over))))
+    assert np.mean(inside) > 0.9
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.5])
+def test_holes_between_pixels_are_within_the_interval_of_an_area_just_below_full_contact(shift):
+    """K. L. Johnson, J. A. Greenwood, J. G. Higginson, Int. J. Mech. Sci. 27, 383 (1985)."""
+    x = np.cos(2 * math.pi * (np.arange(64) + shift) / 64)
+    surface = ca.Surface(heights=np.add.outer(x, x), pixel_size=1.0)
+    full = E * math.pi / 64 * 2
+    for below in (1e-5, 1e-4, 1e-3, 1e-2):
+        contact = ca.contact("fft-bem", modulus=E).solve(surface, (1 - below) * full * 64**2)
+        fraction = contact.quantity("area_fraction")
+        assert held(fraction, 1 - 3 / (2 * math.pi) * below)
+        assert fraction.high - fraction.low < 0.01
+
+
 @pytest.mark.parametrize("over", [1.001, *(pytest.param(over, marks=pytest.mark.long) for over in (1.01, 1.1))])
 def test_single_precision_near_full_yield_knows_its_error(over):
     surface = rough(1, 128, rms_slope=0.4)
