@@ -13,7 +13,7 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.errors import PluginError
 from chemage.foundation.quantities import ONE, Curve, Quantity
 from chemage.foundation.statistics import half_width, standard_error
+from chemage.foundation.steadiness import judged
 
 #: the dimension whose length is the number of hold times
 HOLD_TIME = "hold_time"
@@ -56,15 +57,23 @@ class Output:
     #: "" for a pure number
     unit: str
     description: str
+    #: of a number the means over a window of time on which it rests, by name: itself alone if it is one, beside which
+    #: NAME_change, NAME_formed and NAME_per_bond are recorded; see :func:`chemage.foundation.steadiness.judged`
+    rests: tuple[str, ...]
 
     def __init__(
-        self, dims: str | Sequence[str] = (), unit: str = "", description: str = ""
+        self,
+        dims: str | Sequence[str] = (),
+        unit: str = "",
+        description: str = "",
+        rests: Sequence[str] = (),
     ) -> None:
         names = (dims,) if isinstance(dims, str) else dims
         known = tuple(HOLD_TIME if name == _HOLD_TIMES else name for name in names)
         object.__setattr__(self, "dims", known)
         object.__setattr__(self, "unit", unit)
         object.__setattr__(self, "description", description)
+        object.__setattr__(self, "rests", tuple(rests))
 
     def of(self, values: Any) -> RecordedValue:
         """``values`` with this declaration, for :func:`record` and the hook ``chemage_observe``."""
@@ -72,7 +81,7 @@ class Output:
 
     def todict(self) -> Data:
         """Plain JSON values."""
-        return {**vars(self), "dims": list(self.dims)}
+        return {**vars(self), "dims": list(self.dims), "rests": list(self.rests)}
 
 
 @dataclass(frozen=True)
@@ -319,6 +328,8 @@ class MeasuredOutput:
     values: np.ndarray
     #: None where an observable does not declare it
     output: Output | None = None
+    #: the mean with what is wrong with it, where it rests on means over a window
+    judged: Quantity | None = None
 
     @property
     def unit(self) -> str:
@@ -354,7 +365,7 @@ class MeasuredOutput:
 
     def quantity(self) -> Quantity:
         """A single number, as its mean over the replicas."""
-        return Quantity(*self._declared()).of_replicas(self.values)
+        return self.judged or Quantity(*self._declared()).of_replicas(self.values)
 
     def curve(self, hold_times: np.ndarray, over: str) -> Curve:
         """A number for each hold time, as its mean over the replicas."""
@@ -387,6 +398,11 @@ class MeasuredOutput:
                 "stderr": standard_error(values),
                 "half_width": half_width(values),
             }
+        if (one := self.judged) is not None:
+            if not one.known:
+                shown |= {"mean": one.value, "withheld": shown["mean"]}
+                shown |= {"stderr": one.stderr, "half_width": one.half_width}
+            shown |= {"low": one.low, "high": one.high, "reason": one.reason}
         return shown
 
 
@@ -394,9 +410,23 @@ def measured(
     observables: Mapping[str, np.ndarray], outputs: Mapping[str, Fields]
 ) -> dict[str, MeasuredOutput]:
     """What was measured by name: ``observables`` are the values, ``outputs`` the declarations as plain values."""
-    return {
+    found = {
         name: MeasuredOutput(
             name, values, Output(**outputs[name]) if name in outputs else None
         )
         for name, values in observables.items()
     }
+    rests = {
+        name: one.output.rests
+        for name, one in found.items()
+        if one.output is not None and one.output.rests
+    }
+    if rests:
+        numbers = {
+            name: one.quantity() for name, one in found.items() if one.is_number
+        }
+        samples = len(next(iter(observables.values())))
+        for name, one in judged(numbers, rests, samples).items():
+            if name in rests:
+                found[name] = replace(found[name], judged=one)
+    return found

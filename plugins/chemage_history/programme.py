@@ -18,6 +18,7 @@ from chemage import (
 )
 from chemage.plugin import (
     ABSENT,
+    EV_PER_GPA_NM3,
     AgedReplica,
     AgeingRequest,
     BondHistory,
@@ -113,6 +114,15 @@ def follow(
     if isinstance(state, PullHistory):
         how["start"] = state.handed_on()
     return pull(drive.engine, lattice, drive.at(first), segment.times, **how)
+
+
+def largest_energy(drive: Slider | None, chemistry: Chemistry) -> float:
+    """nN nm, in a bond whose barrier to breaking, one in a million is higher, the force has just removed."""
+    if drive is None or chemistry.breaking is None or not drive.bond_stiffness:
+        return 0.0
+    barrier = chemistry.breaking.quantile(np.array([1 - 1e-6]))[0] / EV_PER_GPA_NM3
+    force = barrier / (drive.exponent * drive.transition_distance)
+    return float(force**2 / drive.bond_stiffness / 2)
 
 
 def in_contact(history: BondHistory, lattice: ReactionLattice) -> BondHistory:
@@ -328,6 +338,7 @@ class Programme(Kinetics):
         state, lattice = None, next(iter(on.values()))
         there = lattice.forming < ABSENT / 2
         origin = Origin().then(*built)
+        most = largest_energy(self.drive, request.chemistry)
         steps: list[StepOutcome] = []
         rows: list[dict[str, Any]] = []
         for segment, each in zip(self.segments, shared, strict=True):
@@ -361,7 +372,7 @@ class Programme(Kinetics):
             if segment.contacts:
                 state = state.of_parts(parts)
             old = int(np.count_nonzero(state.state & there))
-            one = StepOutcome.of(segment, state, lost=lost, old=old)
+            one = StepOutcome.of(segment, state, most, lost=lost, old=old)
             steps.append(one)
             rows.append(recorded_of(one, each[-1][0], kelvin))
             for name, axis in state.time_axes().items():
@@ -379,8 +390,8 @@ class Programme(Kinetics):
             if name in state.outputs
         }
         outputs |= {**OUTPUTS, **self.protocol.outputs}
-        for name, value, _, _ in self.protocol.measure(steps):
-            values[name] = np.float64(value)
+        for one in self.protocol.measure(steps):
+            values[one.name] = np.float64(one.value)
         if not self.driven:
             del outputs["slider"]
         notes = (*origin.notes, *self._notes(shared))

@@ -16,6 +16,17 @@ from chemage_history.steps import HistoryStep, Measure, Protocol, StepOutcome
 Moving = Annotated[Any, Unit("nm/s", gt=0)]
 
 
+def steady_of(k: int, one: StepOutcome, when: str) -> Iterator[Measure]:
+    """The steady friction in step ``k`` with slip, and by what it is judged."""
+    name, what = f"steady_{k}", f"steady friction {when}"
+    yield Measure(name, one.steady, "nN", what, (name,))
+    half = f"second half less first of the {what}"
+    yield Measure(f"{name}_change", one.change, "nN", half)
+    yield Measure(f"{name}_formed", one.formed, "", f"bonds formed in the {what}")
+    largest = f"largest share of one bond in the {what}"
+    yield Measure(f"{name}_per_bond", one.per_bond, "nN", largest)
+
+
 class Steps(Protocol):
     """The steps that ``[[step]]`` lists: the bonds of each, and of each with slip peak, steady friction and work."""
 
@@ -31,16 +42,14 @@ class Steps(Protocol):
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
         """See :meth:`Protocol.measure`."""
         for k, one in enumerate(steps):
-            yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of step {k}"
+            at = f"step {k}"
+            yield Measure(
+                f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of {at}"
+            )
             if one.segment.driven:
-                yield f"peak_{k}", one.peak, "nN", f"largest force in step {k}"
-                yield (
-                    f"steady_{k}",
-                    one.steady,
-                    "nN",
-                    f"steady friction in step {k}",
-                )
-                yield f"work_{k}", one.work, "nN nm", f"work in step {k}"
+                yield Measure(f"peak_{k}", one.peak, "nN", f"largest force in {at}")
+                yield from steady_of(k, one, f"in {at}")
+                yield Measure(f"work_{k}", one.work, "nN nm", f"work in {at}")
 
 
 class SlideHoldSlide(Protocol):
@@ -66,26 +75,30 @@ class SlideHoldSlide(Protocol):
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
         """See :meth:`Protocol.measure`."""
-        yield (
-            "steady",
-            steps[0].steady,
-            "nN",
-            "steady friction before the first hold",
-        )
         healing = []
         for k, hold in enumerate(self.holds):
             before, rest, after = steps[2 * k : 2 * k + 3]
+            of = f"hold {k} of {hold:g} s"
+            yield from steady_of(k, before, f"before {of}")
             healing.append(after.peak - before.steady)
-            fall, of = rest.force[0] - rest.force[-1], f"hold of {hold:g} s"
-            yield f"relaxation_{k}", fall, "nN", f"fall of the force in the {of}"
-            yield f"static_{k}", after.peak, "nN", f"largest force after the {of}"
-            yield f"healing_{k}", healing[-1], "nN", f"its rise by the {of}"
+            for name, value, meaning, *rests in (
+                (
+                    "relaxation",
+                    rest.force[0] - rest.force[-1],
+                    "fall of the force in",
+                ),
+                ("static", after.peak, "largest force after"),
+                ("healing", healing[-1], "its rise by", f"steady_{k}"),
+            ):
+                words = f"{meaning} {of}"
+                yield Measure(f"{name}_{k}", value, "nN", words, tuple(rests))
         held = np.array(self.holds)
-        some = held > 0
+        some = np.flatnonzero(held > 0)
         if np.unique(held[some]).size > 1:
-            decades = np.log10(held[some])
-            slope = np.polyfit(decades, np.array(healing)[some], 1)[0]
-            yield "healing_rate", slope, "nN", "healing per decade of hold time"
+            slope = np.polyfit(np.log10(held[some]), np.array(healing)[some], 1)[0]
+            rests = tuple(f"steady_{k}" for k in some)
+            per = "healing per decade of hold time"
+            yield Measure("healing_rate", slope, "nN", per, rests)
 
 
 class VelocitySteps(Protocol):
@@ -106,18 +119,18 @@ class VelocitySteps(Protocol):
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
         """See :meth:`Protocol.measure`."""
         for k, (one, v) in enumerate(zip(steps, self.speeds, strict=True)):
-            yield f"steady_{k}", one.steady, "nN", f"steady friction at {v:g} nm/s"
+            yield from steady_of(k, one, f"at {v:g} nm/s")
         for k, (old, new) in enumerate(pairwise(steps), 1):
             up = self.speeds[k] >= self.speeds[k - 1]
             extreme = new.peak if up else new.least
             at = f"at change {k} of the speed"
-            yield f"transient_{k}", extreme - new.steady, "nN", f"transient {at}"
-            yield (
-                f"change_{k}",
-                new.steady - old.steady,
-                "nN",
-                f"steady change {at}",
-            )
+            both = (f"steady_{k - 1}", f"steady_{k}")
+            for name, value, on in (
+                ("transient", extreme - new.steady, both[1:]),
+                ("change", new.steady - old.steady, both),
+            ):
+                words = f"{'steady ' * (name == 'change')}{name} {at}"
+                yield Measure(f"{name}_{k}", value, "nN", words, on)
 
 
 class LoadSteps(Protocol):
@@ -148,9 +161,13 @@ class LoadSteps(Protocol):
             least = int(np.argmin(one.bonds))
             passed = one.segment.times[least] - one.segment.times[0]
             dip = one.bonds[0] - one.bonds[least]
-            yield f"bonds_{k}", one.bonds[-1], "", f"bonds at the end of load {k}"
-            yield f"dip_{k}", dip, "", f"bonds lost first under load {k}"
-            yield f"dip_time_{k}", passed, "s", f"when there are fewest, load {k}"
+            at = f"load {k}"
+            for name, value, unit, words in (
+                ("bonds", one.bonds[-1], "", "bonds at the end of"),
+                ("dip", dip, "", "bonds lost first under"),
+                ("dip_time", passed, "s", "when there are fewest,"),
+            ):
+                yield Measure(f"{name}_{k}", value, unit, f"{words} {at}")
 
 
 class Heating(Protocol):
@@ -174,7 +191,7 @@ class Heating(Protocol):
         """See :meth:`Protocol.measure`."""
         for k, (one, at) in enumerate(zip(steps, self.temperatures, strict=True)):
             gained = one.bonds[-1] - one.bonds[0]
-            yield f"gained_{k}", gained, "", f"bonds gained at {at:g} K"
+            yield Measure(f"gained_{k}", gained, "", f"bonds gained at {at:g} K")
 
 
 class Creep(Protocol):
@@ -212,10 +229,8 @@ class Creep(Protocol):
     def measure(self, steps: Sequence[StepOutcome]) -> Iterator[Measure]:
         """See :meth:`Protocol.measure`."""
         old, all_of_them = steps[-1].old, steps[-1].bonds[-1]
-        yield "bonds_old", old, "", "bonds at the end on the area of the beginning"
-        yield (
-            "bonds_new",
-            all_of_them - old,
-            "",
-            "bonds at the end on area that grew",
-        )
+        for name, bonds, on in (
+            ("old", old, "the area of the beginning"),
+            ("new", all_of_them - old, "area that grew"),
+        ):
+            yield Measure(f"bonds_{name}", bonds, "", f"bonds at the end on {on}")

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 Speed = Annotated[Any, Unit("nm/s", ge=0)]
 Humidity = Annotated[Any, Unit("", ge=0, lt=1)]
-#: name, value, unit and meaning of a number
-Measure: TypeAlias = tuple[str, float, str, str]
 Stiffness = Annotated[Any, Unit("nN/nm", ge=0, words=("rigid",))]
 
 
@@ -49,7 +47,7 @@ Load = Annotated[float | str, AfterValidator(_force)]
 #: times of a rest that are recorded, per decade
 PER_DECADE = 5
 #: the part of a step, at its end, over which the steady force is a mean
-LAST = 0.25
+LAST = 0.5
 
 
 class Slider(Drive):
@@ -229,6 +227,17 @@ def segments(steps: Sequence[HistoryStep]) -> Iterator[Segment]:
             raise ValueError(f"step {number}: ends beyond the range of numbers")
 
 
+class Measure(NamedTuple):
+    """A number that a protocol measures on one replica."""
+
+    name: str
+    value: float
+    unit: str
+    meaning: str
+    #: the steady means on which it rests, see :class:`chemage.plugin.Output`
+    rests: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class StepOutcome:
     """What a replica did in one step."""
@@ -244,8 +253,14 @@ class StepOutcome:
     peak_at: float
     #: smallest force of this step, nN
     least: float
-    #: mean force over the last quarter of the step, nN; at rest that at its end
+    #: mean force over the last half of the step, nN; at rest that at its end
     steady: float
+    #: that over the second half of this window less that over the first, nN; nan where fewer than 4 points are recorded
+    change: float
+    #: bonds formed in this window
+    formed: float
+    #: share of one bond in its mean force, nN, that is not exceeded
+    per_bond: float
     #: of the drive in this step, nN nm
     work: float
     #: bonds of sites that left the contact as the load changed
@@ -258,17 +273,28 @@ class StepOutcome:
         cls,
         segment: Segment,
         history: BondHistory | PullHistory | None = None,
+        energy: float = 0.0,
         **counts: int,
     ) -> Self:
-        """That of a ``history``; without one nothing happened, and at rest nothing was pulled."""
+        """That of a ``history``; without one nothing happened, and at rest nothing was pulled. ``energy``: that no bond
+        exceeds before it breaks, nN nm."""
         none = np.zeros(segment.times.size)
-        names = "bonds", "force", "displacement", "work"
-        bonds, force, slider, work = (
+        names = "bonds", "force", "displacement", "work", "formed"
+        bonds, force, slider, work, formed = (
             getattr(history, name, none) for name in names
         )
         last = -1 - max(1, round(LAST * (none.size - 1)))
-        since, end = segment.times[[last, -1]]
-        way = segment.along("speed", (since + end) / 2) * (end - since)
+
+        def way(first: int, end: int) -> float:
+            since, until = segment.times[[first, end]]
+            speed = segment.along("speed", (since + until) / 2)
+            return float(speed * (until - since))
+
+        def mean(first: int, end: int) -> float:
+            passed = way(first, end)
+            return float((work[end] - work[first]) / passed if passed else math.nan)
+
+        middle = (last - 1) // 2
         return cls(
             segment,
             bonds,
@@ -277,7 +303,10 @@ class StepOutcome:
             getattr(history, "peak", 0.0),
             getattr(history, "peak_displacement", 0.0) - float(slider[0]),
             getattr(history, "least", 0.0),
-            float((work[-1] - work[last]) / way if way else force[-1]),
+            mean(last, -1) if way(last, -1) else float(force[-1]),
+            mean(middle, -1) - mean(last, middle),
+            float(formed[-1] - formed[last]),
+            energy / (way(last, -1) or math.inf),
             float(work[-1] - work[0]),
             **counts,
         )
@@ -306,8 +335,8 @@ class Protocol(Component, ABC):
         """What it measures: name -> unit and meaning."""
         still = [StepOutcome.of(one) for one in segments(self.expand())]
         return {
-            name: Output((), unit, words)
-            for name, _, unit, words in self.measure(still)
+            one.name: Output((), one.unit, one.meaning, one.rests)
+            for one in self.measure(still)
         }
 
     def measure(self, steps: Sequence[StepOutcome]) -> Iterable[Measure]:

@@ -180,7 +180,8 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
     Raises
     ------
     InputError
-        ``run`` has no slider, or conditions change beside its speed, or in a ramp.
+        ``run`` has no slider, conditions change beside its speed, or in a ramp, its first slide does not become steady,
+        or too few bonds form.
     """
     aging, seen = run.aging, {} if run.aging is None else run.aging.observables
     if aging is None or not {"step_speed", "step_points"} <= set(seen):
@@ -202,6 +203,17 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
                     f"{run.name}: step.{number}.{name}: a trace has constant speeds and one spring, that of [drive]; "
                     "write ramps as steps"
                 )
+    steady = [
+        one.quantity()
+        for name, one in run.measured.items()
+        if one.output is not None and one.output.rests == (name,)
+    ]
+    for place, one in enumerate(steady):
+        if one.reason and (place == 0 or not one.known):
+            raise InputError(
+                f"{run.name}: {one.label} {one.reason}: no a, b, D_c is taken from it; slide further, or give more "
+                "replicas"
+            )
     number = np.repeat(np.arange(points.size), points)
     slides = np.flatnonzero(speeds > 0)
     times = aging.hold_times

@@ -38,12 +38,26 @@ def drop(run: Run) -> np.ndarray:
     return _groups(run.aging.friction_coefficient_drop)
 
 
+def _steady(run: Run) -> list[str]:
+    """The names of the steady friction in every step with slip, in their order."""
+    return [
+        name
+        for name, one in run.measured.items()
+        if one.output is not None and one.output.rests == (name,)
+    ]
+
+
 def steady(run: Run) -> np.ndarray:
     """Steady friction in every step with slip, nN."""
-    assert run.aging is not None
-    found = run.aging.observables
-    names = sorted(name for name in found if name.startswith("steady_"))
-    return _groups(np.transpose([found[name] for name in names]))
+    return _groups(
+        np.transpose([run.measured[name].values for name in _steady(run)])
+    )
+
+
+def unsteady(run: Run) -> str:
+    """What is wrong with the steady friction of a run; "" where nothing is."""
+    every = [run.measured[name].quantity() for name in _steady(run)]
+    return "; ".join(f"{one.label} {one.reason}" for one in every if one.reason)
 
 
 def least_bonds(run: Run) -> np.ndarray:

@@ -111,20 +111,22 @@ class ValidatedRow:
 
     row: PublishedRow
     test: ClaimTest | None = None
+    #: why what was computed is no answer; "": it is one
+    doubt: str = ""
 
     @cached_property
     def verdict(self) -> str:
         """One of five, by rule."""
         if self.row.unavailable:
             return NOT_AVAILABLE
-        if self.test is None or self.row.beyond:
+        if self.test is None or self.row.beyond or self.doubt:
             return VERDICTS[decisions.CANNOT]
         return VERDICTS[self.test.word(calibrated=self.row.calibrated)]
 
     @cached_property
     def reason(self) -> str:
         """Why there is no verdict; "" where there is one."""
-        given = self.row.beyond or self.row.unavailable
+        given = self.row.beyond or self.row.unavailable or self.doubt
         if given or self.test is None or self.verdict != VERDICTS[decisions.CANNOT]:
             return given
         return self.test.remedy
@@ -165,11 +167,11 @@ class Validation:
     rows: Sequence[ValidatedRow]
 
 
-def _samples(row: PublishedRow, known: dict[str, Run]) -> np.ndarray:
-    """Values (samples, k) of a row; ``known`` keeps runs that other rows need."""
+def _samples(row: PublishedRow, known: dict[str, Run]) -> tuple[np.ndarray, str]:
+    """Values (samples, k) of a row, and why they are no answer; ``known`` keeps runs that other rows need."""
     where = DATA["sets"][row.set]
     observe = getattr(measures, row.observe)
-    found = []
+    found, doubts = [], {}
     # without surfaces the samples are groups of replicas
     for seed in range(1, where.get("surfaces", 0) + 1) or [None]:
         runs = []
@@ -184,12 +186,13 @@ def _samples(row: PublishedRow, known: dict[str, Run]) -> np.ndarray:
             if key not in known:
                 known[key] = run(load_scene(where["scene"], changes), warn=False)
             runs.append(known[key])
+            doubts[measures.unsteady(known[key])] = None
         pairs = [runs] if row.observe == "activation" else [[one] for one in runs]
         values = [observe(*pair) for pair in pairs]
         if seed is not None:
             values = [one.mean(axis=0, keepdims=True) for one in values]
         found.append(np.concatenate(values, axis=1))
-    return np.concatenate(found)
+    return np.concatenate(found), "; ".join(filter(None, doubts))
 
 
 def validate(
@@ -210,6 +213,9 @@ def validate(
     for number, row in enumerate(chosen):
         if report is not None:
             report(number, len(chosen))
-        test = row.test(_samples(row, runs)) if row.observe else None
-        found.append(ValidatedRow(row, test))
+        if not row.observe:
+            found.append(ValidatedRow(row))
+            continue
+        values, doubt = _samples(row, runs)
+        found.append(ValidatedRow(row, row.test(values), doubt))
     return Validation(found)

@@ -24,9 +24,10 @@ from chemage.ageing.fitting import (
     why_not_fitted,
 )
 from chemage.foundation.codec import dataset, frame
-from chemage.foundation.outputs import RECORDED
+from chemage.foundation.outputs import RECORDED, Output
 from chemage.foundation.quantities import (
     HOLD_TIME,
+    ONE,
     Curve,
     ErrorPart,
     Quantity,
@@ -34,6 +35,7 @@ from chemage.foundation.quantities import (
 )
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record
 from chemage.foundation.result import draw_result, notebook_html
+from chemage.foundation.steadiness import judged
 from chemage.foundation.text import approximations_in_words
 from chemage.scene.scene import heading
 from chemage.studies.ensembles.quantities import (
@@ -84,6 +86,9 @@ class Ensemble(Record):
     """hold times of the fit of β, s"""
     measures: tuple[str, ...] = ()
     """measures of the contact, in the order of the columns"""
+    outputs: dict[str, Plain] = {}
+    """what was recorded, without ``observable.``: name -> dims, unit, description and rests, see
+    :class:`chemage.plugin.Output`"""
     levels: tuple[Plain, ...]
     """of each level: ``words``, ``replicas``, ``samples``, ``cpu_seconds`` (of a sample, as estimated before),
     ``variance_of`` (samples in the variance of the interval), ``freedom`` (its degrees of freedom), ``random`` (another
@@ -243,12 +248,28 @@ class Ensemble(Record):
             There is no such quantity, or no such hold time.
         """
         column = self.quantities.column(name, time)
+        if name in self._measured:
+            return self._measured[name]
         if name not in DROPS:
             return self._estimate(self.quantities.declared(name), column)
         at = self.hold_times[column - self.quantities.curve.start]
         return self._estimate(self.quantities.declared(name), column).but(
             of=f"at {at:g} s"
         )
+
+    @cached_property
+    def _measured(self) -> dict[str, Quantity]:
+        """Recorded numbers by name, with what is wrong with those that rest on means over a window."""
+        found, rests = {}, {}
+        for name in (name for name in self.measures if name.startswith(RECORDED)):
+            output = Output(**self.outputs.get(name.removeprefix(RECORDED), {}))
+            declared = self.quantities.declared(name).but(unit=output.unit or ONE)
+            declared = declared.but(label=output.description or declared.label)
+            found[name] = self._estimate(declared, self.quantities.column(name))
+            if output.rests:
+                rests[name] = [f"{RECORDED}{mean}" for mean in output.rests]
+        replicas = int(self.levels[0].get("replicas", 1))
+        return judged(found, rests, self.surfaces * replicas)
 
     def _estimate(
         self, declared: Quantity, column: int, scale: float = 1.0
@@ -509,7 +530,7 @@ class Ensemble(Record):
         found = [self.estimate(name) for name in self.measures]
         if self.quantities.has_beta:
             found += [self.estimate("beta"), self.b]
-        return [one for one in found if one.known]
+        return [one for one in found if one.known or one.name in self._measured]
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -581,19 +602,18 @@ class Ensemble(Record):
     def _recorded(self) -> dict[str, Any]:
         """The means of recorded numbers, as :attr:`Run.measured` summarises them."""
         found = {}
-        for name in (name for name in self.measures if name.startswith(RECORDED)):
-            one = self.estimate(name)
-            mean = {
+        for name, one in self._measured.items():
+            found[name.removeprefix(RECORDED)] = {
+                "dims": [],
+                "unit": "" if one.unit == ONE else one.unit,
+                "description": one.label,
+                "shape": [],
                 "mean": one.value,
                 "stderr": one.stderr,
                 "half_width": one.half_width,
-            }
-            found[name.removeprefix(RECORDED)] = {
-                "dims": [],
-                "unit": "",
-                "description": "",
-                "shape": [],
-                **mean,
+                "low": one.low,
+                "high": one.high,
+                "reason": one.reason,
             }
         return found
 

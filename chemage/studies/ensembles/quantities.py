@@ -113,7 +113,7 @@ def recorded_measures(scene: Scene) -> dict[str, str]:
 def _recorded(observables: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """The means over replicas by the names of quantities, from the summaries of what was recorded."""
     means = {
-        name: np.ravel(output["mean"])
+        name: np.ravel(output.get("withheld", output["mean"]))
         for name, output in observables.items()
         if "mean" in output
     }

@@ -40,7 +40,11 @@ from chemage.studies.ensembles.computations import (
 )
 from chemage.studies.ensembles.ensemble import Ensemble
 from chemage.studies.ensembles.goals import Request, with_request
-from chemage.studies.ensembles.quantities import MOST, SurfaceSample
+from chemage.studies.ensembles.quantities import (
+    MOST,
+    SurfaceSample,
+    declared_outputs,
+)
 from chemage.studies.study import Design, Selection, carry_out
 from chemage.studies.tasks import Outcome, Task
 from chemage.studies.trade import TradeMap
@@ -476,6 +480,10 @@ class Sampler(Design):
             load=quantities.load,
             window=quantities.window,
             measures=quantities.measures,
+            outputs={
+                name: output.todict()
+                for name, output in declared_outputs(self.scene).items()
+            },
             levels=tuple(levels),
             rows=rows,
             within=inside,
