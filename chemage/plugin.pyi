@@ -161,6 +161,7 @@ from chemage.friction.role import rupture_bonds as rupture_bonds
 from chemage.scene.files import scene_data as scene_data
 from chemage.studies.sweeps.grid import scenes_of as scenes_of
 from chemage.foundation import statistics as statistics
+from chemage.foundation import steadiness as steadiness
 from chemage.scene.run import surface_of as surface_of
 from chemage.foundation import tables as tables
 from chemage.foundation.checks import temperature_value as temperature_value

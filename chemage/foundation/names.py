@@ -106,6 +106,7 @@ MODULES = {
     "memory": "foundation.memory",
     "progress": "foundation.progress",
     "statistics": "foundation.statistics",
+    "steadiness": "foundation.steadiness",
     "tables": "foundation.tables",
     "text": "foundation.text",
     "errors": "foundation.errors",

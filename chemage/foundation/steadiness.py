@@ -52,15 +52,16 @@ def judged(
             numbers[name + part] for part in (CHANGE, FORMED, SHARE)
         )
         bonds = formed.value * samples
-        if bonds < FEWEST_BONDS:
+        reasons = [mean.reason, _unsteady(mean.value, change)]
+        few = bonds < FEWEST_BONDS
+        if few:
             high = upper_bound(mean.value, share.value, samples)
-            few = f"{number_text(bonds)} bonds formed in the window"
-            text = f"below {high:.2g} {unit_text(mean.unit)} (95 %): {few}"
-            found[name] = mean.but(value=math.nan, reason=text).within(0.0, high)
-        else:
-            reasons = filter(None, (mean.reason, _unsteady(mean.value, change)))
-            found[name] = mean.but(reason="; ".join(reasons))
-        if bonds < FEWEST_BONDS or abs(change.value) > change.half_width:
+            most = f"{number_text(float(f'{high:.2g}'))} {unit_text(mean.unit)}"
+            because = f"{number_text(bonds)} bonds formed in the window"
+            reasons.insert(0, f"below {most} (95 %): {because}")
+            mean = mean.but(value=math.nan).within(0.0, high)
+        found[name] = mean.but(reason="; ".join(filter(None, reasons)))
+        if few or abs(change.value) > change.half_width:
             withheld.add(name)
     for name in rests.keys() - set(means):
         faulty = [found[mean] for mean in rests[name] if mean in withheld]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, reduce
 from typing import Any, TypeAlias
@@ -24,6 +25,7 @@ from chemage.plugin import (
     BondHistory,
     Choice,
     ContactSolver,
+    Doubt,
     Engine,
     Kinetics,
     Origin,
@@ -33,8 +35,16 @@ from chemage.plugin import (
     build_lattice,
     pull,
     run_kinetics,
+    steadiness,
 )
-from chemage_history.steps import Protocol, Segment, Slider, StepOutcome, segments
+from chemage_history.steps import (
+    LAST,
+    Protocol,
+    Segment,
+    Slider,
+    StepOutcome,
+    segments,
+)
 
 #: what is kept beside the bonds, and what the protocol measures
 OUTPUTS = {
@@ -276,6 +286,54 @@ class Programme(Kinetics):
                     last_force(one, solver, surface)
             except ChemageError as error:
                 raise InputError(f"step {number}: {error}") from error
+
+    def doubts(
+        self, parts: Mapping[str, Any], stated: Mapping[str, Any]
+    ) -> Iterator[Doubt]:
+        """Say of which steps the steady friction will not be steady, or be an upper bound, as far as barriers and the
+        distance of the partners tell."""
+        chemistry, hold, drive = parts["chemistry"], parts["hold"], self.drive
+        if drive is None or not drive.bond_stiffness or not self.driven:
+            return
+        spacing = 0.0
+        if drive.partner == "renewed" and parts.get("grids"):
+            (pixels, _), (sites, _) = parts["grids"]
+            spacing = (
+                drive.spacing or stated["surface"]["pixel_size"] * pixels / sites
+            )
+        longest = (
+            2 * largest_energy(drive, chemistry) / drive.bond_stiffness
+        ) ** 0.5
+        count = hold.replicas * stated.get("chemistry", {}).get("sites", math.nan)
+        for number, one in enumerate(self.segments):
+            if not one.driven:
+                continue
+            time = float(np.ptp(one.times)) * LAST
+            slip = time * (one.first.speed + one.last.speed) / 2
+            if slip < spacing + longest:
+                yield Doubt(
+                    f"short step {number}",
+                    f"step {number}: its steady friction is the mean over its last {slip:.3g} nm of slip, but only after "
+                    f"{spacing + longest:.3g} nm no bond and no partner of its beginning is left; give a distance of "
+                    f"{(spacing + longest) / LAST:.3g} nm or more",
+                )
+            shift = -chemistry.activation_volume * EV_PER_GPA_NM3
+            shift *= stated.get("chemistry", {}).get("pressure", 0.0)
+            edges = np.append(0.0, np.geomspace(1e-12, 1.0, 1200))
+            forming = chemistry.forming.quantile((edges[1:] + edges[:-1]) / 2)
+            kelvin = one.first.temperature or hold.temperature
+            rates = chemistry.rates(forming + shift, kelvin)
+            # a bond lasts for some slip below the longest, and one forms with a partner at most
+            bonds = time / (1 / rates + longest / slip * time)
+            if spacing:
+                bonds = slip / spacing * -np.expm1(-rates * time * spacing / slip)
+            expected = count * float(np.dot(np.diff(edges), bonds))
+            if expected < steadiness.FEWEST_BONDS / 2:
+                yield Doubt(
+                    f"few bonds in step {number}",
+                    f"step {number}: about {expected:.2g} bonds form in the last {slip:.3g} nm of slip, so that its steady "
+                    "friction will be an upper bound; slide slower or further, or give more replicas",
+                )
 
     def shared(self, request: AgeingRequest) -> list[list[Reacting]]:
         """The contacts of each step, several where its load changes meanwhile, each solved from the one before; of

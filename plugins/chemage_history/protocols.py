@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from chemage.plugin import Length, Temperature, Time, Unit
+from chemage.plugin import Length, Temperature, Time, Unit, steadiness
 from chemage_history.steps import HistoryStep, Measure, Protocol, StepOutcome
 
 #: a speed at which something moves
@@ -21,10 +21,12 @@ def steady_of(k: int, one: StepOutcome, when: str) -> Iterator[Measure]:
     name, what = f"steady_{k}", f"steady friction {when}"
     yield Measure(name, one.steady, "nN", what, (name,))
     half = f"second half less first of the {what}"
-    yield Measure(f"{name}_change", one.change, "nN", half)
-    yield Measure(f"{name}_formed", one.formed, "", f"bonds formed in the {what}")
+    yield Measure(name + steadiness.CHANGE, one.change, "nN", half)
+    yield Measure(
+        name + steadiness.FORMED, one.formed, "", f"bonds formed in the {what}"
+    )
     largest = f"largest share of one bond in the {what}"
-    yield Measure(f"{name}_per_bond", one.per_bond, "nN", largest)
+    yield Measure(name + steadiness.SHARE, one.per_bond, "nN", largest)
 
 
 class Steps(Protocol):

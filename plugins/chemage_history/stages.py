@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from chemage.plugin import Stage
@@ -42,6 +42,12 @@ class _Protocol(Stage):
             self.method(parts).check_sections(parts)
         except ChemageError as error:
             yield self.section, str(error)
+
+    def doubts(
+        self, parts: Mapping[str, Any], stated: Mapping[str, Any]
+    ) -> Iterator[Any]:
+        if self.section in parts:
+            yield from self.method(parts).doubts(parts, stated)
 
 
 STAGES = (
