@@ -427,6 +427,6 @@ def measured(
         }
         samples = len(next(iter(observables.values())))
         for name, one in judged(numbers, rests, samples).items():
-            if name in rests:
+            if one is not numbers[name]:
                 found[name] = replace(found[name], judged=one)
     return found

@@ -5,7 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from chemage.foundation.quantities import Quantity, number_text, unit_text
+from chemage.foundation.quantities import (
+    Quantity,
+    Rank,
+    number_text,
+    unit_text,
+)
 from chemage.foundation.text import percent
 
 #: fewer bonds give an upper bound in place of a mean
@@ -35,7 +40,7 @@ def judged(
 
     A mean carries a sentence where the 95 % interval of its change within the window excludes 0, as it does for one of
     twenty steady means; what fewer than 20 bonds made has no value but an upper bound. A number that rests on such means
-    has no value.
+    has no value. What is recorded beside a mean is for who asks for all.
 
     Parameters
     ----------
@@ -48,9 +53,9 @@ def judged(
     means = [name for name, on in rests.items() if tuple(on) == (name,)]
     for name in means:
         mean = numbers[name]
-        change, formed, share = (
-            numbers[name + part] for part in (CHANGE, FORMED, SHARE)
-        )
+        beside = [name + part for part in (CHANGE, FORMED, SHARE)]
+        change, formed, share = (numbers[one] for one in beside)
+        found |= {one: numbers[one].but(rank=Rank.REST) for one in beside}
         bonds = formed.value * samples
         reasons = [mean.reason, _unsteady(mean.value, change)]
         few = bonds < FEWEST_BONDS
