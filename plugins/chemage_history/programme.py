@@ -323,10 +323,9 @@ class Programme(Kinetics):
             forming = chemistry.forming.quantile((edges[1:] + edges[:-1]) / 2)
             kelvin = one.first.temperature or hold.temperature
             rates = chemistry.rates(forming + shift, kelvin)
-            # a bond lasts for some slip below the longest, and one forms with a partner at most
-            bonds = time / (1 / rates + longest / slip * time)
-            if spacing:
-                bonds = slip / spacing * -np.expm1(-rates * time * spacing / slip)
+            # one bond at most with each partner, or one after the other
+            occupied = (spacing or longest) * time / slip
+            bonds = time / (1 / rates + occupied)
             expected = count * float(np.dot(np.diff(edges), bonds))
             if expected < steadiness.FEWEST_BONDS / 2:
                 yield Doubt(
@@ -396,7 +395,6 @@ class Programme(Kinetics):
         state, lattice = None, next(iter(on.values()))
         there = lattice.forming < ABSENT / 2
         origin = Origin().then(*built)
-        most = largest_energy(self.drive, request.chemistry)
         steps: list[StepOutcome] = []
         rows: list[dict[str, Any]] = []
         for segment, each in zip(self.segments, shared, strict=True):
@@ -430,7 +428,13 @@ class Programme(Kinetics):
             if segment.contacts:
                 state = state.of_parts(parts)
             old = int(np.count_nonzero(state.state & there))
-            one = StepOutcome.of(segment, state, most, lost=lost, old=old)
+            one = StepOutcome.of(
+                segment,
+                state,
+                largest_energy(self.drive, request.chemistry),
+                lost=lost,
+                old=old,
+            )
             steps.append(one)
             rows.append(recorded_of(one, each[-1][0], kelvin))
             for name, axis in state.time_axes().items():

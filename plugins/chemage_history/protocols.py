@@ -97,7 +97,8 @@ class SlideHoldSlide(Protocol):
         held = np.array(self.holds)
         some = np.flatnonzero(held > 0)
         if np.unique(held[some]).size > 1:
-            slope = np.polyfit(np.log10(held[some]), np.array(healing)[some], 1)[0]
+            decades = np.log10(held[some])
+            slope = np.polyfit(decades, np.array(healing)[some], 1)[0]
             rests = tuple(f"steady_{k}" for k in some)
             per = "healing per decade of hold time"
             yield Measure("healing_rate", slope, "nN", per, rests)
