@@ -17,6 +17,7 @@ from chemage.ageing.fitting import (
     CUTOFF,
     DROPS,
     FIT_WINDOW,
+    B,
     Fit,
     FitData,
     Friction,
@@ -354,12 +355,12 @@ class Aging(Observing, Record):
 
     @property
     def site_area(self) -> float:
-        """What the sites in contact cover, nm²: the contact area, unless sites are not pixels, where the rim is known
-        better from the sites; nan where it is not known."""
+        """What the sites in contact cover, nm²: the contact area on the grid, unless sites are not pixels, where the
+        rim is known better from the sites; nan where it is not known."""
         sites = self.provenance.get("sites")
         if isinstance(sites, dict) and {"touching", "spacing"} <= sites.keys():
             return sites["touching"] * sites["spacing"] ** 2
-        return self.contact.get("area", math.nan)
+        return self.contact.get("grid_area", math.nan)
 
     @property
     def mean_shear_stress(self) -> float:
@@ -513,7 +514,7 @@ class Aging(Observing, Record):
             return [
                 *numbers,
                 BETA.but(reason=f"not fitted: {reason}"),
-                CUTOFF.but(reason="not fitted"),
+                *(one.but(reason="not fitted") for one in (B, CUTOFF)),
             ]
         beta, *others = fit.quantities()
         how = f"measured here, {self.replicas} replicas on this one surface"

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 #: what the errors of replicas are
 ON_ONE_SURFACE = (
-    "95 % intervals over replicas on one surface (Student's t), of a contact by its own errors; they do not include "
-    "the scatter between surfaces"
+    "95 % intervals over replicas on one surface, by Student's t, and of a contact by its own errors; they do not "
+    "include the scatter between surfaces"
 )
 #: least distance, in decades, of the hold times between which a local slope is taken
 SLOPE_SPAN = 0.5
@@ -122,8 +122,6 @@ class AgingDisplay(OfRecord[Aging]):
                     aging.error_words,
                 )
             )
-        if (scatter := self.scatter) is not None and (text := scatter.text()):
-            facts.append(("surfaces", text))
         return facts
 
     def quantities(self) -> list[Quantity]:

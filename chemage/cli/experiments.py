@@ -315,11 +315,25 @@ def check(
 
     All points of a sweep are validated; nothing is computed.
     """
+    try:
+        request = requested_fields(accuracy, budget, surfaces, measured)
+        _check(scene, changed_fields(changes) | request, shares, yes, as_json)
+    except ChemageError as error:
+        if as_json:
+            problems = getattr(error, "problems", ())
+            wrong = [{"field": field, "problem": text} for field, text in problems]
+            output.say_json(
+                {"valid": False, "error": str(error), "problems": wrong}
+            )
+        raise
+
+
+def _check(
+    scene: str, values: Data, shares: int | None, yes: bool, as_json: bool
+) -> None:
     from chemage.scene.files import is_sweep, load_scene
     from chemage.scene.plan import plan
 
-    request = requested_fields(accuracy, budget, surfaces, measured)
-    values = changed_fields(changes) | request
     if is_sweep(scene):
         from chemage.cli import studies
 
@@ -332,7 +346,7 @@ def check(
         from chemage.studies.ensembles.planning import plan as planned
     made = planned(one)
     if as_json:
-        output.say_json(made.todict())
+        output.say_json({"valid": True, **made.todict()})
         return
     output.show_rows(f"{scene} is valid", (), made.rows())
     for note in made.notes:

@@ -98,7 +98,8 @@ AllOpt = Annotated[
     bool,
     typer.Option(
         "--all",
-        help="print also what is recorded as arrays: sizes and ranges of values",
+        help="print everything: how it was computed, every number with the parts of its error, what is recorded as "
+        "arrays",
     ),
 ]
 JsonOpt = Annotated[

@@ -57,8 +57,13 @@ def quiet() -> bool:
 
 
 def show_all(given: bool) -> None:
-    """Print also what is recorded as arrays."""
+    """Print everything, and not only what is shown first."""
     _state.all = given
+
+
+def every() -> bool:
+    """Whether everything is printed."""
+    return _state.all
 
 
 def begin() -> None:
@@ -316,9 +321,10 @@ def show_rows(
     rows: Iterable[Sequence[str]],
     width: int = WIDTH,
     dense: bool = False,
+    spaced: bool = True,
 ) -> None:
-    """Print a table of text as wide as the terminal; ``width`` characters where stdout is not a terminal. Nothing with
-    ``--quiet``."""
+    """Print a table of text as wide as the terminal; ``width`` characters where stdout is not a terminal; ``spaced``
+    by empty lines from what is around it. Nothing with ``--quiet``."""
     if quiet():
         return
     from rich import box
@@ -333,9 +339,9 @@ def show_rows(
     grid = Grid(
         title=heading,
         title_justify="left",
-        box=box.SIMPLE,
+        box=box.SIMPLE if spaced else None,
         show_header=bool(columns),
-        pad_edge=False,
+        pad_edge=not spaced,
     )
     for name in columns:
         grid.add_column(printable(name), overflow="fold")
@@ -357,15 +363,25 @@ def show_rows(
 
 
 def show_result(result: Result) -> None:
-    """Print the main numbers of a result, its tables and its notes."""
-    show_rows(
-        result.heading,
-        (),
-        [*result.rows(), *(result.arrays() if _state.all else ())],
-        result.width,
-    )
+    """Print what is shown first of a result, or everything; its tables and its notes."""
+    from chemage.results.first import first_numbers
+
+    first = [one.row() for one in first_numbers(result)]
+    if first and not _state.all:
+        errors = result.errors.partition(",")[0]
+        remark(": ".join(filter(None, (result.title, errors))) + "; more: --all")
+        show_rows("", (), first, result.width, spaced=False)
+    else:
+        rows = [
+            *result.rows(every=_state.all),
+            *(result.arrays() if _state.all else ()),
+        ]
+        show_rows(result.heading, (), rows, result.width)
     show_tables(result.tables(), result.width)
-    for note in result.notes():
+    approximate = result.approximation if first and not _state.all else ""
+    for note in (
+        [f"approximate: {approximate}"] if approximate else []
+    ) + result.notes():
         remark(f"note: {note}")
 
 
@@ -386,20 +402,18 @@ def answer(
 ) -> None:
     """Print a result that was computed, or one JSON object, with the files ``written``: what they are -> path."""
     if as_json:
-        say_json({**result.numbers(), **written})
+        say_json({**result.todict(), **written})
         return
     show_result(result)
-    remark()
-    labels = {"file": "result", "figures": "figure"}
     for name, value in written.items():
-        for path in (
-            value
+        for path in dict.fromkeys(
+            [one.parent for one in value]
             if isinstance(value, list)
             else [value]
             if isinstance(value, Path)
             else []
         ):
-            say(f"{labels.get(name, name):8} {path}")
+            say(f"{'result' if name == 'file' else name:8} {path}")
     for text in remarks:
         remark(text)
 

@@ -49,7 +49,7 @@ def show(
     if as_json and as_csv:
         raise user_error("--json and --csv: choose one")
     if as_json:
-        output.say_json(result.numbers())
+        output.say_json(result.todict())
     elif as_csv:
         output.say_csv(result)
     else:
@@ -219,6 +219,7 @@ def compare(
             help='hold time at which to compare, in s or with a unit; may be repeated; default: "1 s" and "1e3 s"',
         ),
     ] = None,
+    every: AllOpt = False,
     force: ForceOpt = False,
 ) -> None:
     """Compare results with each other and with measurements.
@@ -250,6 +251,7 @@ def compare(
     elif as_csv:
         output.say(joined.csv(), end="")
     else:
+        output.show_all(every)
         _print_comparison(joined)
         for picture in pictures:
             output.say(f"figure   {picture}")
@@ -290,19 +292,30 @@ def report(
 
 
 def _print_comparison(joined: Comparison) -> None:
-    names, rows = [entry.name for entry in joined.results], joined.table()
+    names, every = [entry.name for entry in joined.results], output.every()
+    rows = joined.table() if every else joined.first()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
         output.show_rows(
             "",
-            ("", *names[chosen]),
+            ("" if every else "more: --all", *names[chosen]),
             ((label, *texts[chosen]) for label, texts in rows),
+            spaced=every,
         )
-    output.remark(joined.statement())
-    for path, values in joined.chemistry_differences().items():
-        texts = ("none" if value is None else f"{value}" for value in values)
-        output.remark(f"  {path}: {' | '.join(texts)}")
-    output.show_tables(joined.tables())
+    for title, differences in (
+        (joined.statement(), joined.chemistry_differences()),
+        ("Other differences, in internal units:", joined.other_differences()),
+    ):
+        if differences or title == joined.statement():
+            output.remark(title)
+        for path, values in differences.items():
+            texts = ("none" if value is None else f"{value}" for value in values)
+            output.remark(f"  {path}: {' | '.join(texts)}")
+    for entry in joined.results:
+        for note in entry.notes:
+            output.remark(f"note: {entry.name}: {note}")
+    if every or joined.measured:
+        output.show_tables(joined.tables())
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")
 

@@ -112,7 +112,8 @@ def run_ensemble(
         "samples_taken": kept,
         "figures": pictures,
     }
-    output.answer(result_of(mean), as_json, [*taken, more], **written)
+    remarks = [*taken, *[more] * output.every()]
+    output.answer(result_of(mean), as_json, remarks, **written)
 
 
 #: failures are listed up to this many points
@@ -327,7 +328,7 @@ def check_sweep(
     if each:
         numbers["shares"] = [vars(share) for share in each]
     if as_json:
-        output.say_json(numbers)
+        output.say_json({"valid": True, **numbers})
         return
 
     rows = swept_rows(survey.grid.axes)

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from chemage.foundation.quantities import ErrorPart, Quantity
+from chemage.foundation.quantities import ErrorPart, Quantity, number_text
 from chemage.foundation.statistics import NORMAL_LIMIT
 
 #: a :class:`chemage.contacts.solution.ContactSolution`, whose module imports this one
@@ -202,8 +202,14 @@ def _touches_edge(contact: ContactSolution) -> bool:
     return bool(there[[0, -1]].any() or there[:, [0, -1]].any())
 
 
+def _middle(low: float, high: float, grid: float) -> float:
+    """The middle of an interval; what the grid gave where that is not known."""
+    return (low + high) / 2 if math.isfinite(low + high) else grid
+
+
 def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
-    """``quantity`` of ``contact`` with its errors, and with the interval that they make together."""
+    """``quantity`` of ``contact`` with its errors, and with the interval that they make together. The area is the middle
+    of its interval, which need not contain that on the grid, and what is said of it follows."""
     name, value, area = quantity.name, quantity.value, contact.area
     found = contact.errors
     how = HOW_SOUGHT | (HOW_EXACT if contact.contact_pixels == "centres" else HOW)
@@ -223,19 +229,28 @@ def stated(contact: ContactSolution, quantity: Quantity) -> Quantity:
             max(area - below, contact.least_area),
             min(area + above, contact.nominal_area),
         )
+        middle = _middle(low, high, area)
         if name == "mean_contact_pressure":
             low, high = (
                 value * area / high,
                 value * area / low if low > 0 else math.inf,
             )
+            quantity = quantity.but(value=value * area / middle)
         elif name != "corrected_area":
             low, high = value / area * low, value / area * high
+            quantity = quantity.but(value=value / area * middle)
         return quantity.within(
             low, high, (high - low) / 2 / NORMAL_LIMIT, stated="ends"
         )
     least = {"area": contact.least_area, "load": 0.0}.get(name, -math.inf)
     most = contact.nominal_area if name == "area" else math.inf
     low, high = max(value - below, least), min(value + above, most)
+    if name == "area" and not math.isclose(
+        middle := _middle(low, high, area), area
+    ):
+        quantity = quantity.but(
+            value=middle, reason=f"{number_text(area)} on the grid"
+        )
     return quantity.within(
         low,
         high,

@@ -51,6 +51,13 @@ MEASURES: dict[str, Quantity] = by_name(
         ),
         Quantity("area", "nm2", "contact area", "A"),
         Quantity(
+            "grid_area",
+            "nm2",
+            "contact area on the grid",
+            meaning="area of the pixels in contact",
+            rank=Rank.REST,
+        ),
+        Quantity(
             "corrected_area",
             "nm2",
             "contact area less the excess of pixels at its rim",
@@ -247,20 +254,25 @@ class Contact(Observing, Record):
 
     def measure(self, name: str) -> float:
         """One of :data:`MEASURES`; nan where it needs a map, and this contact has none."""
-        if name == "area":
+        if name in ("area", "grid_area"):
             return self.contact_area
         return getattr(self, name) if self.knows(name) else math.nan
 
-    def summary(self) -> dict[str, float]:
-        """The measures users compare (:data:`MEASURES`), as plain numbers; nan where one needs a map and there is
-        none."""
+    def measures(self) -> dict[str, float]:
+        """:data:`MEASURES` as this contact has them, on its grid; nan where one needs a map and there is none."""
         return {name: self.measure(name) for name in MEASURES}
+
+    def summary(self) -> dict[str, float]:
+        """The measures users compare, as plain numbers: those of :meth:`quantities`, the best estimates."""
+        measures = self.measures()
+        known = {one.name: one.value for one in self.quantities()}
+        return {name: known.get(name, value) for name, value in measures.items()}
 
     def quantities(self) -> list[Quantity]:
         """The measures, and the numbers that were recorded; without those that this contact does not have."""
         every = MEASURES | FLOW_MEASURES
         found = [
-            every[name].but(value=value) for name, value in self.summary().items()
+            every[name].but(value=value) for name, value in self.measures().items()
         ]
         found += [
             output.quantity()
@@ -432,7 +444,9 @@ class ContactSolution(PixelMap, Contact):
 
     @property
     def contact_area(self) -> float:
-        """Contact area A, nm²: pixels with positive pressure, or with adhesion those that touch."""
+        """Contact area A on the grid, nm²: pixels with positive pressure, or with adhesion those that touch. The best
+        estimate, less their excess at the rim, is ``quantity("area")``; :attr:`area_fraction`, :attr:`kappa` and
+        :attr:`mean_contact_pressure` are on the grid as well."""
         return self.sites.size * self.pixel_size**2
 
     @property
@@ -576,14 +590,14 @@ class ContactSolution(PixelMap, Contact):
             float(np.count_nonzero(flows)) / self.sites.size, force / self.carried
         )
 
-    def summary(self) -> dict[str, float]:
-        """See :meth:`Contact.summary`; with :data:`FLOW_MEASURES` where they are known."""
+    def measures(self) -> dict[str, float]:
+        """See :meth:`Contact.measures`; with :data:`FLOW_MEASURES` where they are known."""
         flow = (
             {}
             if self.plastic_displacement is None
             else dict(zip(FLOW_MEASURES, self.yielded, strict=True))
         )
-        return super().summary() | flow
+        return super().measures() | flow
 
     def residual_surface(self, surface: Surface) -> Surface:
         """What ``surface``, of which this is the contact, is after the load is removed: its heights less

@@ -138,7 +138,7 @@ class Quantity(Declared):
     level: int = 95
     #: what it is of: ``at 1000 s``, ``per decade``
     of: str = ""
-    #: why there is no value, or no interval
+    #: why there is no value, or no interval; or what else to know of it
     reason: str = ""
     #: parts of its standard error: what each is due to -> its size
     errors: Mapping[str, ErrorPart] = field(default_factory=dict)
@@ -223,6 +223,14 @@ class Quantity(Declared):
         return (
             f"{self.symbol or self.label} = {_joined(value, unit_text(self.unit))}"
         )
+
+    def todict(self) -> dict[str, Any]:
+        """For JSON: value, unit and the ends of its interval, nan where they are not known; ``level`` where that is
+        no interval of 95 %."""
+        number = {
+            name: getattr(self, name) for name in ("value", "unit", "low", "high")
+        }
+        return number | ({"level": self.level} if self.level != 95 else {})
 
     def columns(self) -> list[tuple[str, str, str]]:
         """The columns that it takes in a table: (name, unit, meaning)."""
@@ -331,6 +339,20 @@ class Curve(Declared):
         """The number at the last point."""
         return self.at(float(self.x[-1]))
 
+    def todict(self) -> dict[str, Any]:
+        """For JSON, as :meth:`Quantity.todict`: lists, with None for ends that are not known."""
+        ends = (
+            (self.mean - self.half_width, self.mean + self.half_width)
+            if self.half_width.size
+            else (None, None)
+        )
+        return {
+            "value": self.mean,
+            "unit": self.unit,
+            "low": ends[0],
+            "high": ends[1],
+        }
+
     def columns(self) -> list[tuple[str, str, str]]:
         """As :meth:`Quantity.columns`."""
         return self.number().columns()
@@ -372,4 +394,4 @@ def number_text(value: float) -> str:
     whole = isinstance(value, int | np.integer) or (
         abs(value) < 1e6 and float(value).is_integer()
     )
-    return f"{value:.0f}" if whole else f"{value:.4g}"
+    return f"{value:.0f}" if whole else f"{float(f'{value:.4g}'):g}"

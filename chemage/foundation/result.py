@@ -22,10 +22,10 @@ from chemage.foundation.errors import InputError, nearest
 from chemage.foundation.figures import panels, plots, png
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import PICTURES
-from chemage.foundation.outputs import Observing
+from chemage.foundation.outputs import RECORDED, Observing
 from chemage.foundation.ownership import Owned
 from chemage.foundation.quantities import NONE as NONE
-from chemage.foundation.quantities import Curve, Quantity, Rank, headed
+from chemage.foundation.quantities import ONE, Curve, Quantity, Rank, headed
 from chemage.foundation.records import Record
 from chemage.foundation.text import (
     approximations_in_words,
@@ -235,6 +235,33 @@ class Result(Owned):
         for one in (*self.quantities(), *self.curves()):
             numbers |= one.numbers()
         return jsonable(numbers)
+
+    def todict(self) -> Data:
+        """:meth:`numbers` for ``--json``: every number under one name, with value, unit and the ends of its interval,
+        None where they are not known; those of a curve are lists, beside its axis."""
+        found = self.numbers()
+        declared: list[Quantity | Curve] = [*self.quantities(), *self.curves()]
+        for one in declared:
+            for name in one.numbers():
+                found.pop(name, None)
+        for name, value in found.items():
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                found[name] = Quantity(name, ONE, name, value=value).todict()
+        for one in declared:
+            if isinstance(one, Curve):
+                axis = one.axis_of
+                found.pop(f"{axis.name}s", None)
+                found[axis.name] = Curve(
+                    axis.name, axis.unit, axis.label, mean=one.x
+                ).todict()
+            found[one.name] = one.todict()
+        if recorded := found.get("observables"):
+            found["observables"] = {
+                name: about
+                for name, about in recorded.items()
+                if f"{RECORDED}{name}" not in found
+            }
+        return jsonable(found)
 
     def summary(self) -> Rows:
         """The numbers that a reader looks for first: (value with its error, what it is)."""

@@ -34,11 +34,14 @@ from chemage.foundation.result import TIMES, Ageing, Result, Table, result_of
 from chemage.foundation.text import csv_text, jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
+from chemage.results.first import beside, first_numbers
 from chemage.results.kinds import components, is_point, load
 from chemage.results.verdicts import COLUMNS, Verdict, between, verdict
 from chemage.studies.folder import SweepWarning
 from chemage.studies.sweeps.result import in_words, load_sweep
 
+#: the values of a quantity by name
+Form = Callable[[Quantity], Mapping[str, Any]]
 #: largest number of results in a comparison
 MOST = 32
 _CHEMICAL = ("forming", "breaking", "interaction", "chemistry", "temperature")
@@ -58,8 +61,10 @@ class Entry:
     #: by name
     quantities: Mapping[str, Quantity]
     curves: Mapping[str, Curve]
-    #: the numbers that a reader looks for first
+    #: the numbers that are shown first, none where all are
     first: Sequence[Quantity]
+    #: doubts and faults, in words
+    notes: Sequence[str]
     ageing: Ageing
     errors: str
     approximation: str
@@ -96,7 +101,9 @@ class Entry:
             plain if own else dict(result.facts()),
             by_name(result.quantities()),
             by_name(result.curves()),
-            result.first(),
+            first_numbers(result),
+            [f"approximate: {result.approximation}"] * bool(result.approximation)
+            + result.notes(),
             result.ageing(),
             result.errors,
             result.approximation,
@@ -138,11 +145,11 @@ class Entry:
             return None
         return curve.last() if time is None else curve.at(time)
 
-    def numbers(self) -> dict[str, Any]:
+    def numbers(self, each: Form) -> dict[str, Any]:
         """Facts and quantities by name."""
         numbers = {"name": self.name, "file": self.source, **self.plain}
         for one in self.quantities.values():
-            numbers |= one.numbers()
+            numbers |= each(one)
             if one.reason and not one.known:
                 numbers[f"{one.name}_reason"] = one.reason
         return numbers
@@ -242,8 +249,15 @@ class Comparison:
             return "Chemistry: the same in all results."
         return f"Chemistry: differs in {', '.join(different)}."
 
+    def first(self) -> list[tuple[str, list[str]]]:
+        """The rows that are shown first: (quantity, text of each result)."""
+        rows = [
+            in_a_row(one) for one in beside([each.first for each in self.results])
+        ]
+        return rows if all(each.first for each in self.results) else self.table()
+
     def table(self) -> list[tuple[str, list[str]]]:
-        """The rows of the printed table: (quantity, text of each result)."""
+        """The rows of the whole table: (quantity, text of each result)."""
         labels = _joined(result.facts for result in self.results)
         rows = [
             (label, [result.facts.get(label, NONE) for result in self.results])
@@ -322,9 +336,10 @@ class Comparison:
             for result in self.results
         )
 
-    def numbers(self) -> list[dict[str, Any]]:
-        """The results as plain JSON values, one object each, all with the same names."""
-        found = [result.numbers() for result in self.results]
+    def numbers(self, each: Form = Quantity.numbers) -> list[dict[str, Any]]:
+        """The results as plain JSON values, one object each, all with the same names; ``each`` gives those of a
+        quantity."""
+        found = [result.numbers(each) for result in self.results]
         every = dict.fromkeys(_joined(found))
         any_approximate = any(result.approximation for result in self.results)
         objects = []
@@ -332,13 +347,14 @@ class Comparison:
             one = every | numbers
             if any_approximate:
                 one["approximate"] = result.approximation
-            objects.append(jsonable(one | self._at(result)))
+            objects.append(jsonable(one | self._at(result, each)))
         return objects
 
-    def _at(self, result: Entry) -> dict[str, Any]:
+    def _at(self, result: Entry, each: Form) -> dict[str, Any]:
         names, moments = self._curve_names(), []
         for time in (*self.times, None):
-            moment: dict[str, Any] = {"time": result.last if time is None else time}
+            at = result.last if time is None else time
+            moment = dict(each(Quantity("time", "s", "hold time", value=at)))
             for name in names:
                 one = result.at(name, time)
                 (like, *_) = [
@@ -346,9 +362,7 @@ class Comparison:
                     for each in self.results
                     if name in each.curves
                 ]
-                moment |= (
-                    dict.fromkeys(like.numbers()) if one is None else one.numbers()
-                )
+                moment |= each(like.number() if one is None else one)
             moments.append(moment)
         return {"plugins": dict(result.plugins), "at": moments}
 
@@ -363,7 +377,7 @@ class Comparison:
 
         different = self.chemistry_differences()
         return {
-            "results": self.numbers(),
+            "results": self.numbers(_in_full),
             "same_chemistry": not different
             if sum(result.ages for result in self.results) > 1
             else None,
@@ -605,6 +619,11 @@ def _places(path: Path) -> list[Path]:
         text = f"{path}: {len(done)} of {len(states)} points are complete and compared ({left})"
         warnings.warn(text, SweepWarning, stacklevel=5)
     return [path / str(index) for index in done]
+
+
+def _in_full(one: Quantity) -> dict[str, Any]:
+    """A number for JSON."""
+    return {one.name: one.todict()}
 
 
 def _joined(lists: Iterable[Iterable[str]]) -> list[str]:

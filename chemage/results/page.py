@@ -25,10 +25,9 @@ from chemage.foundation.figures import png
 from chemage.foundation.files import preflight, write_file
 from chemage.foundation.looks import drawn_as
 from chemage.foundation.names import __version__
-from chemage.foundation.quantities import by_name
 from chemage.foundation.result import Panel, Picture, Result, Table, drawn_picture
 from chemage.foundation.units import QuantityLike
-from chemage.results.comparison import Comparison, Entry, compare_files, in_a_row
+from chemage.results.comparison import Comparison, Entry, compare_files
 from chemage.results.drawing import brought_figures, curve_pictures
 
 if TYPE_CHECKING:
@@ -189,18 +188,8 @@ def _comparison(comparison: Comparison, name: str) -> PageSection:
     drawn = [*_curves(comparison, "c"), *_brought(comparison, "c")]
     leading, others = PagePart(figures=drawn[:1]), drawn[1:]
     if several:
-        every = [by_name(entry.first) for entry in comparison.results]
-        numbers = dict.fromkeys(number for one in every for number in one)
-        columns = [
-            in_a_row([one.get(number) for one in every]) for number in numbers
-        ]
-        rows = [
-            (entry, *(texts[place] for _, texts in columns))
-            for place, entry in enumerate(names)
-        ]
-        leading.tables = [
-            Table("Main numbers", ["", *(label for label, _ in columns)], rows)
-        ]
+        rows = [(label, *texts) for label, texts in comparison.first()]
+        leading.tables = [Table("Main numbers", ["", *names], rows)]
     parts = [
         leading,
         PagePart(tables=tables),
@@ -224,14 +213,12 @@ def _parts(entry: Entry, result: Result, key: str) -> Iterator[PagePart]:
                     (panel.heading, _panel(panel, anchor, _approximate(alone)))
                 )
     headed += [("Figures", picture) for picture in _brought(alone, key)]
-    approximate = (
-        [f"approximate: {result.approximation}"] if result.approximation else []
-    )
-    first = [picture for _, picture in headed[:1]]
+    main = [one.row() for one in entry.first]
     yield PagePart(
-        numbers=result.summary(),
-        figures=first,
-        notes=[*approximate, *result.notes()],
+        numbers=[] if main else result.summary(),
+        figures=[picture for _, picture in headed[:1]],
+        notes=entry.notes,
+        tables=[Table("Main numbers", ["quantity", "value"], main)] if main else [],
     )
     below = {heading: PagePart(heading) for heading, _ in headed[1:]}
     for heading, picture in headed[1:]:

@@ -186,9 +186,7 @@ class RunDisplay(Result):
         ]
 
     def quantities(self) -> list[Quantity]:
-        aging = self.run.aging
-        aged = [] if aging is None else aging.quantities(self.run.window)
-        return [*self.contact.quantities(), *aged]
+        return self.run.quantities()
 
     def curves(self) -> list[Curve]:
         return [*self.aging.curves(), *self.contact.curves()]

@@ -41,7 +41,7 @@ from chemage.foundation.errors import (
 from chemage.foundation.files import make_folder
 from chemage.foundation.outputs import MeasuredOutput
 from chemage.foundation.progress import progress_bars
-from chemage.foundation.quantities import by_name
+from chemage.foundation.quantities import Quantity, by_name
 from chemage.foundation.records import (
     Record,
     content_hash,
@@ -171,6 +171,15 @@ class Run:
         ):
             return None
         return scatter_of(self.scene, self.aging, self.contact.summary())
+
+    def quantities(self) -> list[Quantity]:
+        """The numbers of the contact and of the ageing, and the scatter between surfaces where it is known."""
+        numbers = self.contact.quantities()
+        if self.aging is not None:
+            numbers += self.aging.quantities(self.window)
+        if (scatter := self.scatter) is not None and scatter.text():
+            numbers.append(scatter.quantity())
+        return numbers
 
     def fit(self) -> Fit | None:
         """Line of Δμ against log t over the scene's fit window; None without ageing or without times in the window."""

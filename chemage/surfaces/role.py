@@ -12,6 +12,7 @@ from chemage.foundation.checks import Seed, expect
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError
 from chemage.foundation.progress import logged, of_plugins
+from chemage.foundation.quantities import Quantity
 from chemage.foundation.text import percent
 from chemage.plugins import registry
 from chemage.plugins.sources import noted
@@ -55,6 +56,19 @@ class Scatter:
                     f", the standard error of the replicas is {percent(replicas)}"
                 )
         return f"{text}; {self.source}" if self.source else text
+
+    def quantity(self) -> Quantity:
+        """The same as a number; not known of a :attr:`relative` of None."""
+        label = f"scatter of β between {self.between}, relative"
+        value = math.nan if self.relative is None else float(f"{self.relative:.2g}")
+        return Quantity(
+            "beta_scatter_between_surfaces",
+            "1",
+            label,
+            meaning="standard deviation of β between surfaces of other seeds, over its mean",
+            value=value,
+            reason=self.source,
+        )
 
 
 class SurfaceMaker(Component, ABC):

@@ -142,7 +142,7 @@ class StudyPoint:
 
     #: the swept fields: dotted path -> value
     changes: dict[str, Any]
-    #: summary of the run, see :meth:`chemage.Run.summary`
+    #: summary of the run, see :meth:`chemage.Run.summary`, with the contact area of the grid, as the paper has it
     summary: dict[str, Any]
     #: s, (m,)
     hold_times: np.ndarray
@@ -161,7 +161,12 @@ class StudyPoint:
         means = {name: one.mean(axis=0) for name, one in aging.observables.items()}
         errors = aging.friction_drop_half_width
         curves = aging.hold_times, aging.mean_friction_drop, errors
-        return cls(point.values, point.summary, *curves, means, point)
+        summary = dict(point.summary)
+        excess = summary["grid_area"] / summary["area"]
+        summary["mean_contact_pressure"] /= excess
+        for name in ("area", "area_fraction", "kappa"):
+            summary[name] *= excess
+        return cls(point.values, summary, *curves, means, point)
 
     def varied(self, name: str) -> Any:
         """The value of a swept field by the last part of its path."""

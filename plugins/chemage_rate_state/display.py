@@ -88,7 +88,7 @@ class RateStateDisplay(Result):
             numbers: dict[str, Any] = {"trend": fit.trend, "noise": fit.noise}
             numbers |= {"misfit": fit.misfit, "probability": fit.probability}
             for one in fit.quantities():
-                numbers |= one.numbers()
+                numbers[one.name] = one.todict()
             found[fit.law] = numbers
         loading = self.trace.loading
         return {

@@ -176,7 +176,7 @@ class SelfAffine(SurfaceMaker):
             )
         return Scatter(
             relative,
-            f"estimated from the spectrum and A/A0 = {area:.3g}, within a factor of 1.5",
+            "estimated from spectrum and A/A0, within a factor of 1.5",
         )
 
     def coarser(self, factor: int) -> Self | None:

@@ -125,7 +125,13 @@ class ValidationDisplay(Result):
         ]
 
     def numbers(self) -> dict[str, Any]:
-        return {"rows": [*map(_record, self.validation.rows)]}
+        rows = self.validation.rows
+        return {
+            "rows": [
+                _record(one) | {"prediction": one.prediction.todict()}
+                for one in rows
+            ]
+        }
 
     def columns(self) -> dict[str, Any]:
         records = [*map(_record, self.validation.rows)]

@@ -78,7 +78,9 @@ def test_the_interval_of_an_area_is_about_the_one_without_the_excess_of_its_rim(
     """Two-sided: it does not end at the area of the pixels, which is too large."""
     contact = ca.contact("fft-bem", modulus=E).solve(rough(3), "100 nN")
     area, corrected = contact.quantity("area"), contact.quantity("corrected_area")
-    assert area.low < corrected.value < area.high < area.value
+    assert area.low < corrected.value < area.high < contact.area
+    assert area.value == pytest.approx((area.low + area.high) / 2)
+    assert f"({contact.area:.4g} on the grid)" in area.text()
     assert (corrected.low, corrected.high) == (area.low, area.high)
     # neither a text nor a table gives half a width about a value outside
     assert ", truth in [" in area.text()

@@ -28,14 +28,13 @@ from chemage.foundation.units import convert
 from chemage.scene.display import chemistry_of_scene
 from chemage.scene.provenance import scatter_of
 from chemage.studies.ensembles.ensemble import SOURCES, Ensemble
+from chemage.surfaces.role import Scatter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: what the errors of a mean over surfaces are
-OVER_SURFACES = (
-    "95 % intervals (Student's t) that include the scatter between surfaces"
-)
+OVER_SURFACES = "95 % intervals with the scatter between surfaces, by Student's t"
 #: what every ± of an ensemble is
 TITLE = "± is half the width of a 95 % interval"
 #: more single surfaces are not drawn, of those there are the first
@@ -90,9 +89,6 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         facts = self._averaged()
         for goal, size in ensemble.goals.items():
             facts.append((f"asked of {goal}", f"± {100 * size:.3g} %"))
-        if ensemble.random and math.isfinite(ensemble.scatter):
-            text = f"{percent(ensemble.scatter)} (standard deviation), measured here on {ensemble.surfaces} {self.over}"
-            facts.append((f"scatter of β between {self.over}", text))
         facts += [
             (f"plugin {name}", source) for name, source in ensemble.plugins.items()
         ]
@@ -129,6 +125,10 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             else one.but(rank=Rank.REST)
             for one in found
         ]
+        if self.record.random and math.isfinite(self.record.scatter):
+            how = f"measured here on {self.record.surfaces}"
+            scatter = Scatter(self.record.scatter, how, self.over)
+            shown.append(scatter.quantity())
         return [*shown, *at_times]
 
     def curves(self) -> list[Curve]:

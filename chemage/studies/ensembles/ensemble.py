@@ -23,6 +23,7 @@ from chemage.ageing.fitting import (
     fit_aging,
     why_not_fitted,
 )
+from chemage.contacts.solution import MEASURES
 from chemage.foundation.codec import dataset, frame
 from chemage.foundation.outputs import RECORDED, Output
 from chemage.foundation.quantities import (
@@ -31,6 +32,7 @@ from chemage.foundation.quantities import (
     Curve,
     ErrorPart,
     Quantity,
+    Rank,
     by_name,
 )
 from chemage.foundation.records import Doubles, Named, Number, Plain, Record
@@ -526,8 +528,9 @@ class Ensemble(Record):
         )
 
     def numbers(self) -> list[Quantity]:
-        """The measures of the contact, β and b."""
-        found = [self.estimate(name) for name in self.measures]
+        """The measures of the contact, its load, β and b."""
+        load = MEASURES["load"].but(value=self.load, rank=Rank.REST)
+        found = [*(self.estimate(name) for name in self.measures), load]
         if self.quantities.has_beta:
             found += [self.estimate("beta"), self.b]
         return [one for one in found if one.known or one.name in self._measured]
@@ -536,20 +539,9 @@ class Ensemble(Record):
         return notebook_html(self)
 
     def summary(self) -> dict[str, Any]:
-        """One JSON-able object with the estimates, their intervals and the parts of their errors; β, the curves and the
-        measures of the contact also by the names, and in the places, that they have in :meth:`Run.summary`."""
+        """One JSON-able object with the estimates, their intervals and the parts of their errors (standard errors); β,
+        the curves and the measures of the contact by the names that they have in :meth:`Run.summary`."""
         curves, numbers = by_name(self.curves()), by_name(self.numbers())
-        estimates: dict[str, Any] = {
-            name: _plain(one) for name, one in numbers.items()
-        }
-        for name in curves:
-            at_times = {
-                float(time): self.estimate(name, float(time))
-                for time in self.hold_times
-            }
-            estimates[name] = [
-                {"hold_time": time, **_plain(one)} for time, one in at_times.items()
-            ]
         none = np.full(self.hold_times.size, math.nan)
         without = [
             one.but(mean=none, stderr=none, half_width=none)
@@ -592,7 +584,14 @@ class Ensemble(Record):
             "goals": self.goals,
             "stopped": self.stopped,
             "notes": self.every_note,
-            "quantities": estimates,
+            "errors": {
+                name: {
+                    cause: {"standard_error": part.size, "known": part.how}
+                    for cause, part in one.errors.items()
+                }
+                for name, one in numbers.items()
+            }
+            | {name: one.errors for name, one in curves.items()},
             "versions": self.provenance.get("versions", {}),
             "plugins": self.plugins,
             "cite": self.provenance.get("cite", []),
@@ -624,14 +623,3 @@ class Ensemble(Record):
         return f"<Ensemble of {self.surfaces} samples, beta {beta.value:.4g} ± {beta.half_width:.2g}>"
 
     __str__ = __repr__
-
-
-def _plain(estimate: Quantity) -> dict[str, Any]:
-    return {
-        "value": estimate.value,
-        "half_width": estimate.half_width,
-        "errors": {
-            name: {"standard_error": part.size, "known": part.how}
-            for name, part in estimate.errors.items()
-        },
-    }

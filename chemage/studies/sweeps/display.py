@@ -106,7 +106,7 @@ class SweepDisplay(Result):
             {
                 **self.state,
                 "units": self.sweep.units,
-                "results": self.data.records(),
+                "results": self.data.objects(),
             }
         )
 

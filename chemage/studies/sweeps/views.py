@@ -332,6 +332,32 @@ class SweepData:
             )
         return records
 
+    def objects(self) -> list[dict[str, Any]]:
+        """:meth:`records` for JSON, each number with value, unit and the ends of its interval."""
+        results, found = self.table.results, self.records()
+        ends = ("stderr", "half_width", "low", "high")
+        parts = {f"{name}_{end}" for name in results for end in ends}
+        for record in found:
+            for name, column in results.items():
+                key = f"last_{name}" if column.values.ndim > 1 else name
+                known = [record.get(f"{key}_{end}", math.nan) for end in ends]
+                value = record[key]
+                low, high = (
+                    value + sign * known[1] if math.isnan(end) else end
+                    for sign, end in zip((-1, 1), known[2:], strict=True)
+                )
+                if name not in parts:
+                    record[key] = {
+                        "value": value,
+                        "unit": column.unit,
+                        "low": low,
+                        "high": high,
+                    }
+            for name, column in results.items():
+                if name in parts:
+                    del record[f"last_{name}" if column.values.ndim > 1 else name]
+        return found
+
     def rows(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Headings and lines of a table with β, Δμ and the contact area; one line for the mean over seeds."""
         every = list(self.dimensions)
