@@ -158,14 +158,14 @@ def _load_errors(
     area = contact.model_copy().quantity("area")
     if not slope or not 0 < area.low < area.high:
         return {"search": None, "area": None}
-    unsure = math.sqrt(2) * area.relative / apart
+    unsure = math.sqrt(2) * area.half_width / contact.area / apart
     power = min((CURVED + 2 * unsure / slope) / slope, 99.0)
     search, *ends = (
         contact.load * (ratio**power - 1)
         for ratio in (
             math.exp(abs(off)),
-            min(area.low / area.value, 1.0),
-            max(area.high / area.value, 1.0),
+            min(area.low / contact.area, 1.0),
+            max(area.high / contact.area, 1.0),
         )
     )
     return {"search": search, "area": ends}

@@ -35,16 +35,15 @@ FIRST = {
 
 
 def first_numbers(result: Result) -> list[Quantity]:
-    """Those of the list, curves at their last point, and numbers that were recorded, or asked of a mean; what is not
-    known comes last, with the reason. None of a kind of result without a list."""
+    """Those of the list, curves at their last point, and what was recorded, or asked of a mean; what is not known comes
+    last, with the reason. None of a kind of result without a list."""
     curves = [curve for curve in result.curves() if not curve.is_distribution]
-    numbers = result.quantities()
-    found = by_name([*(curve.last() for curve in curves), *numbers])
+    found = by_name([*(curve.last() for curve in curves), *result.quantities()])
     listed = next((names for name, names in FIRST.items() if name in found), ())
     goals = result.scene.get("accuracy", {})
     more = [
         one.name
-        for one in numbers
+        for one in found.values()
         if one.rank <= Rank.TABLE
         and (one.name.startswith(RECORDED) or one.name in goals or "@" in one.name)
     ]

@@ -63,18 +63,18 @@ def numbers(command, tmp_path):
     def numbers(aging: ca.Aging) -> dict[str, float]:
         ca.write(tmp_path / "aging.h5", aging, force=True)
         shown = json.loads(command("show", tmp_path / "aging.h5", "--json").out)
-        return {name: value for name, value in shown.items() if name in NAMES}
+        return {name: one["value"] for name, one in shown.items() if name in NAMES}
 
     return numbers
 
 
 @pytest.fixture
 def shown(command, tmp_path):
-    """``shown(aging)``: what ``chemage show`` says, in one line."""
+    """``shown(aging)``: what ``chemage show --all`` says, in one line."""
 
     def shown(aging: ca.Aging) -> str:
         ca.write(tmp_path / "aging.h5", aging, force=True)
-        return " ".join(command("show", tmp_path / "aging.h5").out.split())
+        return " ".join(command("show", tmp_path / "aging.h5", "--all").out.split())
 
     return shown
 

@@ -138,7 +138,7 @@ def test_the_scatter_over_places_is_that_of_separate_runs():
     for surface, hold in mean.levels[0]["seeds"]:
         seeded = parsed.with_hold(seed=hold, common="all").model_copy(update={"surface_seed": surface})
         runs.append(ca.run(seeded))
-    betas, areas = [run.fit().beta for run in runs], [run.contact.area for run in runs]
+    betas, areas = [run.fit().beta for run in runs], [run.contact.quantity("area").value for run in runs]
     assert len(set(areas)) == 5
     beta = mean.estimate("beta")
     assert beta.value == pytest.approx(np.mean(betas), rel=1e-12)
@@ -162,7 +162,7 @@ def test_the_average_of_a_scan_is_the_mean_over_places_computed_one_by_one():
     body, below = rough_body.make(0), ca.surface(**ROUGH).make(0)
     maker = rough_body.replace(counterface=ROUGH)
     made = [maker.make(seed).provenance["tip"] for seed, _ in mean.levels[0]["seeds"]]
-    areas = [by_hand(record, body, below).area for record in made]
+    areas = [by_hand(record, body, below).quantity("area").value for record in made]
     area = mean.estimate("area")
     assert area.value == pytest.approx(np.mean(areas), rel=1e-12)
     assert area.half_width == pytest.approx(2.5705818 * np.std(areas, ddof=1) / np.sqrt(6), rel=1e-6)
@@ -387,8 +387,8 @@ def test_the_scatter_is_named_by_what_the_seed_draws(own, between):
     shown = result_of(mean)
     rows = dict(shown.rows())
     assert rows["mean over"].startswith(f"3 random {between}: 64 x 64 pixels")
-    assert f"scatter of β between {between}" in rows
-    assert f"include the scatter between {between}" in shown.errors
+    assert f"scatter of β between {between}, relative" in rows
+    assert f"with the scatter between {between}" in shown.errors
 
 
 def test_a_scan_that_may_touch_further_away_than_is_searched_is_refused(image, monkeypatch):
