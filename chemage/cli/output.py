@@ -372,10 +372,8 @@ def show_result(result: Result) -> None:
         remark(": ".join(filter(None, (result.title, errors))) + "; more: --all")
         show_rows("", (), first, result.width, spaced=False)
     else:
-        rows = [
-            *result.rows(every=_state.all),
-            *(result.arrays() if _state.all else ()),
-        ]
+        rows = result.rows(every=True) if first else result.rows()
+        rows += result.arrays() if _state.all else []
         show_rows(result.heading, (), rows, result.width)
     show_tables(result.tables(), result.width)
     approximate = result.approximation if first and not _state.all else ""

@@ -292,15 +292,16 @@ def report(
 
 
 def _print_comparison(joined: Comparison) -> None:
-    names, every = [entry.name for entry in joined.results], output.every()
-    rows = joined.table() if every else joined.first()
+    names = [entry.name for entry in joined.results]
+    brief = joined.has_first and not output.every()
+    rows = joined.first() if brief else joined.table()
     for first in range(0, len(names), 4):  # more columns do not fit a screen
         chosen = slice(first, first + 4)
         output.show_rows(
             "",
-            ("" if every else "more: --all", *names[chosen]),
+            ("more: --all" if brief else "", *names[chosen]),
             ((label, *texts[chosen]) for label, texts in rows),
-            spaced=every,
+            spaced=not brief,
         )
     for title, differences in (
         (joined.statement(), joined.chemistry_differences()),
@@ -314,7 +315,7 @@ def _print_comparison(joined: Comparison) -> None:
     for entry in joined.results:
         for note in entry.notes:
             output.remark(f"note: {entry.name}: {note}")
-    if every or joined.measured:
+    if joined.measured or not brief:
         output.show_tables(joined.tables())
     for name, model, reason in joined.not_fitted():
         output.say(f"{name}: {model} not fitted: {reason}")

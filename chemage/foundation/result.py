@@ -244,16 +244,17 @@ class Result(Owned):
         for one in declared:
             for name in one.numbers():
                 found.pop(name, None)
-        for name, value in found.items():
-            if isinstance(value, int | float) and not isinstance(value, bool):
+        for name, value in found.items():  # counts and residuals
+            if declared and type(value) in (int, float):
                 found[name] = Quantity(name, ONE, name, value=value).todict()
         for one in declared:
             if isinstance(one, Curve):
                 axis = one.axis_of
-                found.pop(f"{axis.name}s", None)
-                found[axis.name] = Curve(
-                    axis.name, axis.unit, axis.label, mean=one.x
-                ).todict()
+                name = f"{one.name}_edges" if one.is_distribution else axis.name
+                if isinstance(found.get(f"{name}s"), list):
+                    del found[f"{name}s"]
+                edges = Curve(name, axis.unit, axis.label, mean=one.x)
+                found[name] = edges.todict()
             found[one.name] = one.todict()
         if recorded := found.get("observables"):
             found["observables"] = {

@@ -249,12 +249,15 @@ class Comparison:
             return "Chemistry: the same in all results."
         return f"Chemistry: differs in {', '.join(different)}."
 
+    @property
+    def has_first(self) -> bool:
+        """Whether there are numbers of every result that are shown first."""
+        return all(each.first for each in self.results)
+
     def first(self) -> list[tuple[str, list[str]]]:
         """The rows that are shown first: (quantity, text of each result)."""
-        rows = [
-            in_a_row(one) for one in beside([each.first for each in self.results])
-        ]
-        return rows if all(each.first for each in self.results) else self.table()
+        several = beside([each.first for each in self.results])
+        return [in_a_row(one) for one in several]
 
     def table(self) -> list[tuple[str, list[str]]]:
         """The rows of the whole table: (quantity, text of each result)."""

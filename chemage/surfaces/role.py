@@ -60,7 +60,7 @@ class Scatter:
     def quantity(self) -> Quantity:
         """The same as a number; not known of a :attr:`relative` of None."""
         label = f"scatter of β between {self.between}, relative"
-        value = math.nan if self.relative is None else float(f"{self.relative:.2g}")
+        value = math.nan if self.relative is None else self.relative
         return Quantity(
             "beta_scatter_between_surfaces",
             "1",

@@ -175,7 +175,7 @@ class SelfAffine(SurfaceMaker):
                 "1 to 22 % were measured on other surfaces, the more the smaller the contact",
             )
         return Scatter(
-            relative,
+            float(f"{relative:.2g}"),
             "estimated from spectrum and A/A0, within a factor of 1.5",
         )
 

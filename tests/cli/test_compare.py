@@ -36,12 +36,15 @@ def test_a_table_names_every_file_and_says_whether_the_chemistry_is_the_same(two
     done = command("compare", "at40.h5", "at80.h5")
     assert done.status == 0
     assert done.err == ""
-    head = done.out.splitlines()[1].split()
-    assert head == ["at40", "at80"]
+    head = done.out.splitlines()[0].split()
+    assert head == ["more:", "--all", "at40", "at80"]
     assert "Chemistry: the same in all results." in done.out
+    assert "  contact.load: 40.0 | 80.0\n" in done.out
+    every = command("compare", "at40.h5", "at80.h5", "--all").out
+    assert every.splitlines()[1].split() == ["at40", "at80"]
     for label in ("load", "friction drop ΔF at 1 s", "bonds per contact area", "ageing rate per decade β"):
-        assert label in done.out
-    line = next(line for line in done.out.splitlines() if line.split()[:1] == ["load"])
+        assert label in every
+    line = next(line for line in every.splitlines() if line.split()[:1] == ["load"])
     assert line.split() == ["load", "40", "nN", "80", "nN"]
 
 
@@ -63,7 +66,7 @@ def test_many_results_are_told_four_at_a_time(two, command):
     for number in range(5):
         names.append(f"copy{number}.h5")
         (two / names[-1]).write_bytes((two / f"at{40 if number < 4 else 80}.h5").read_bytes())
-    lines = [line.split() for line in command("compare", *names).out.splitlines()]
+    lines = [line.split() for line in command("compare", *names, "--all").out.splitlines()]
     assert ["copy0", "copy1", "copy2", "copy3"] in lines
     assert lines.index(["copy4"]) > lines.index(["load", *["40", "nN"] * 4])
     assert ["load", "80", "nN"] in lines
@@ -72,12 +75,12 @@ def test_many_results_are_told_four_at_a_time(two, command):
 def test_json_and_csv_are_one_document_each(two, command):
     told = json.loads(command("compare", "at40.h5", "at80.h5", "--json", "--at", "1 min").out)
     assert told["same_chemistry"] is True
-    assert [one["load"] for one in told["results"]] == [40, 80]
-    assert [one["time"] for one in told["results"][0]["at"]] == [60, 1e5]
+    assert [one["load"]["value"] for one in told["results"]] == [40, 80]
+    assert [one["time"]["value"] for one in told["results"][0]["at"]] == [60, 1e5]
     rows = list(csv.DictReader(io.StringIO(command("compare", "at40.h5", "at80.h5", "--csv").out)))
     assert [float(row["load (nN)"]) for row in rows] == [40, 80]
     alone = json.loads(command("show", "at80.h5", "--json").out)
-    assert float(rows[1]["beta"]) == alone["beta"]
+    assert float(rows[1]["beta"]) == alone["beta"]["value"]
 
 
 def test_a_name_that_a_spreadsheet_would_compute_is_a_text_in_csv(two, command):

@@ -128,7 +128,7 @@ def test_every_number_shown_first_is_inside_its_own_interval(small, command, loa
         assert shown[name]["low"] <= shown[name]["value"] <= shown[name]["high"], name
     for name in ("friction_drop", "friction_coefficient_drop"):
         for low, value, high in zip(*(shown[name][part] for part in ("low", "value", "high")), strict=True):
-            assert low <= value <= high
+            assert low is high is None or low <= value <= high  # replicas that are all equal have no interval
     contact, area = ca.read("small.h5").contact, shown["area"]
     assert area["value"] == pytest.approx((area["low"] + area["high"]) / 2)
     assert shown["grid_area"]["value"] == contact.area == contact.sites.size * contact.pixel_size**2

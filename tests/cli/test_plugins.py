@@ -49,7 +49,7 @@ def test_a_run_goes_on_beside_a_plugin_that_does_not_load(command, small, site, 
     monkeypatch.setattr(registry, "_current", None)
     done = command("run", small, "--no-figures", "--json")
     assert done.status == 0
-    assert json.loads(done.out)["sites"] > 0
+    assert json.loads(done.out)["sites"]["value"] > 0
     assert "chemage: warning: plugin 'grumpy' (grumpy 1.0) was skipped" in done.err
     assert said in done.err
     listed = command("plugins", "list")

@@ -36,7 +36,7 @@ def test_show_as_json_has_every_point(study, command):
     assert (shown["points"], shown["done"]) == (6, 6)
     assert shown["units"]["contact.load"] == "nN"
     assert [one["swept"]["contact.load"] for one in shown["results"]] == [5, 5, 5, 20, 20, 20]
-    assert shown["results"][4]["beta"] == study[4].summary["beta"]
+    assert shown["results"][4]["beta"]["value"] == study[4].summary["beta"]
 
 
 @pytest.mark.long

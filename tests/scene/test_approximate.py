@@ -136,7 +136,8 @@ def written(tiny, parts, tmp_path, monkeypatch):
 def test_files_and_comparisons_say_so(command):
     assert ca.read("a.h5").approximate == WORDS
     shown = " ".join(command("show", "a.h5").out.split())
-    assert f"approximate {WORDS[:20]}" in shown
+    assert f"note: approximate: {WORDS}" in shown
+    assert f"approximate {WORDS[:20]}" in " ".join(command("show", "a.h5", "--all").out.split())
     assert json.loads(command("show", "a.h5", "--json").out)["approximate"] == WORDS
     assert "approximate" in command("show", "aging.h5").out
     assert "approximate" not in command("show", "b.h5").out

@@ -115,7 +115,7 @@ def test_it_is_in_the_file_and_comes_back(capped, tiny, tmp_path):
 
 def test_the_command_show_names_it(capped, tiny, tmp_path, command):
     chemage.write(tmp_path / "x.h5", chemage.run(parse_scene(tiny.scene())))
-    shown = command("show", tmp_path / "x.h5")
+    shown = command("show", tmp_path / "x.h5", "--all")
     assert (shown.status, shown.err) == (0, "")
     lines = [line.split() for line in shown.out.splitlines() if "plugin" in line]
     assert ["plugin", "cap", "chemage-cap", "2.1"] in lines

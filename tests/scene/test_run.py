@@ -50,7 +50,8 @@ def test_the_summary_is_what_its_parts_say(scene):
     assert told["friction_drop"] == pytest.approx(drop.mean(axis=0))
     assert told["friction_coefficient_drop"] == pytest.approx(drop.mean(axis=0) / 40.0)
     assert told["friction_drop_stderr"] == pytest.approx(drop.std(axis=0, ddof=1) / math.sqrt(3))
-    assert told["area_fraction"] == np.count_nonzero(result.contact.pressure) / 48**2
+    assert told["area_fraction"] == result.contact.quantity("area_fraction").value
+    assert told["grid_area"] == pytest.approx(np.count_nonzero(result.contact.pressure) * 0.4518**2)
     assert told["mean_contact_pressure"] == pytest.approx(40.0 / (told["area_fraction"] * (48 * 0.4518) ** 2))
     assert told["events"] == result.aging.events.sum()
     assert told["replicas"] == 3

@@ -59,7 +59,8 @@ def test_makers_say_what_they_know():
     contact = {"patches": 30, "area_fraction": 0.01}
     assert ca.surface("sphere", radius=30, pixels=8, pixel_size=1).scatter(contact) == Scatter(0.0)
     rough = ROUGH.replace(eta=4)
-    assert rough.scatter(contact).relative == pytest.approx(0.144 / 4 * 0.01**-0.5 * 4 ** (0.4 * 0.8 - 0.91))
+    estimate = 0.144 / 4 * 0.01**-0.5 * 4 ** (0.4 * 0.8 - 0.91)
+    assert rough.scatter(contact).relative == pytest.approx(estimate, rel=0.05)
     for unknown in ({}, {"area_fraction": 0.9}, {"area_fraction": 1e-4}):
         assert rough.scatter(unknown).relative is None
     assert ROUGH.replace(zeta=2).scatter(contact).relative is None, "larger than any that was measured"
