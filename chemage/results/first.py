@@ -40,7 +40,7 @@ def first_numbers(result: Result) -> list[Quantity]:
     curves = [curve for curve in result.curves() if not curve.is_distribution]
     found = by_name([*(curve.last() for curve in curves), *result.quantities()])
     listed = next((names for name, names in FIRST.items() if name in found), ())
-    goals = result.scene.get("accuracy", {})
+    goals = getattr(getattr(result, "record", None), "goals", ())
     more = [
         one.name
         for one in found.values()
