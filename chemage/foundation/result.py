@@ -7,6 +7,7 @@ kind of result is a subclass; where the numbers are in a class of their own, :fu
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -50,6 +51,10 @@ def compared_time(x: np.ndarray) -> float:
     """The last of :data:`TIMES` that lies within the points ``x``, else the last point."""
     inside = [time for time in TIMES if x[0] <= time <= x[-1]]
     return inside[-1] if inside else float(x[-1])
+
+
+#: what stands after the name of a number, where a table is flat
+_END = re.compile("_(stderr|half_width|low|high)$")
 
 
 @dataclass(frozen=True)
@@ -244,6 +249,9 @@ class Result(Owned):
         for one in declared:
             for name in one.numbers():
                 found.pop(name, None)
+        for name in [name for name in found if _END.sub("", name) in found]:
+            if _END.search(name):  # of what does not exist
+                del found[name]
         for name, value in found.items():  # counts and residuals
             if declared and type(value) in (int, float):
                 found[name] = Quantity(name, ONE, name, value=value).todict()

@@ -156,7 +156,7 @@ def test_runs_show_compare_and_report_give_the_error_of_the_method(half, command
     assert (done["ageing"], done["events"]) == ("half", None)
     assert done["bond_errors"] == {"table": [0.01] * 4}
     assert "approximate" in done
-    shown = command("show", "tip.h5").out
+    shown = command("show", "tip.h5", "--all").out
     assert "table 1 % (assumed)" in " ".join(shown.split())
     assert "by ageing 'half'" in shown
     made = compare_files([tmp_path / "plain.h5", tmp_path / "tip.h5"])

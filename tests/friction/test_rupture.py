@@ -327,5 +327,5 @@ def test_run_prints_the_law(bell, command, tmp_path, monkeypatch):
     (tmp_path / "tip.toml").write_text(tomli_w.dumps(scene(rupture={"kind": "mean-force", "bond_force": 2.0})))
     done = json.loads(command("run", "tip.toml", "--json", "--no-figures").out)
     assert done["rupture"] == "mean-force"
-    assert "mean-force" in command("show", "tip.h5").out
+    assert "mean-force" in command("show", "tip.h5", "--all").out
     assert "rupture" in command("check", "tip.toml").out

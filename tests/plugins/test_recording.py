@@ -94,7 +94,7 @@ def test_what_is_recorded_reaches_file_tables_and_comparison(noting, tmp_path, c
         assert words in shown, shown
         assert words in compared
     told = json.loads(command("show", tmp_path / "a.h5", "--json").out)
-    assert told["observables"]["uneven"]["mean"] == pytest.approx(float(contact.observables["uneven"]))
+    assert told["observable.uneven"]["value"] == pytest.approx(float(contact.observables["uneven"]))
 
 
 def test_it_is_the_same_in_parts_from_checkpoints_and_with_states(noting, tmp_path):

@@ -56,7 +56,7 @@ def test_the_scene_runs_and_the_result_names_the_option(project):
     named = "chemage-hardness 1.0 [limit = 2.0 GPa]"
     assert named in PAGE.text
     assert result["plugins"]["hardness"] == named
-    assert result["max_pressure"] == 2
+    assert result["max_pressure"]["value"] == 2
     assert "pressure limited to 2 GPa on" in result["notes"][0]
     assert list(project.rglob("*limited-pressure.png"))
     shown = " ".join(chemage(project, "show", "tip.h5").split())

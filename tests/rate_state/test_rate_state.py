@@ -198,7 +198,7 @@ def test_the_command_prints_both_laws(tmp_path, command):
     )
     found = json.loads(command("rate-state", str(path), "--json").out)
     assert set(found["laws"]) == {*LAWS}
-    assert found["laws"]["slip"]["slip_length"] == pytest.approx(LENGTH, rel=0.1)
+    assert found["laws"]["slip"]["slip_length"]["value"] == pytest.approx(LENGTH, rel=0.1)
     text = command("rate-state", str(path), "--law", "slip", "--stiffness", "0.005 um**-1").out
     assert "explains the trace" in text
     assert "(given)" in text

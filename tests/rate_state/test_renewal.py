@@ -99,7 +99,7 @@ def test_the_command_prints_the_slip_length(command, tmp_path, monkeypatch):
     done = command("slip-length", "rough.toml", "--surfaces", "2", "--slip", "3 nm")
     assert "slip length of renewal D_c" in done.out
     found = json.loads(command("slip-length", "rough.toml", "--surfaces", "2", "--slip", "3 nm", "--json").out)
-    assert found["slip_length"] > 0
+    assert found["slip_length"]["value"] > 0
     assert command("slip-length", "rough.toml", "--surfaces", "2", "--slip", "3 nm", "--csv").out.startswith(
         "slip (nm),"
     )
@@ -114,8 +114,8 @@ def test_a_sweep_gives_a_line_for_each_point_and_the_power_of_the_chord(command,
         '[sweep]\n"contact.load" = ["0.3 uN", "0.6 uN", "1.5 uN", "3 uN"]\n'
     )
     found = json.loads(command("slip-length", "discs.toml", "--out", "discs.png", "--json").out)
-    assert found["power"] == pytest.approx(1.0, abs=0.02)
-    assert found["ratio"] == pytest.approx(16 / (3 * np.pi**2), rel=0.02)
+    assert found["power"]["value"] == pytest.approx(1.0, abs=0.02)
+    assert found["ratio"]["value"] == pytest.approx(16 / (3 * np.pi**2), rel=0.02)
     radii = (3 * np.array([300.0, 600.0, 1500.0, 3000.0]) * 200 / (4 * 35.3)) ** (1 / 3)
     assert found["points"]["slip_length (nm)"] == pytest.approx(8 * radii / (3 * np.pi), rel=5e-3)
     assert found["points"]["contact.load"] == ["0.3 uN", "0.6 uN", "1.5 uN", "3 uN"]

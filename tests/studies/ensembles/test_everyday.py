@@ -162,7 +162,7 @@ def test_compare_says_which_error_is_of_surfaces_and_which_of_one(files):
     starts = ("20 random surfaces: ", "3 replicas on one surface", "20 replicas on the one surface", "20 random ")
     assert all(text.startswith(start) for text, start in zip(rows["mean over"], starts, strict=True))
     mean, one, tip, bare = rows["every ± is"]
-    assert "include the scatter between surfaces" in mean
+    assert "with the scatter between surfaces" in mean
     assert "do not include the scatter between surfaces" in one
     assert tip == one
     assert bare == mean
@@ -170,7 +170,7 @@ def test_compare_says_which_error_is_of_surfaces_and_which_of_one(files):
     assert rows[f"{of_beta}scatter between surfaces, each with its own replica"][0].endswith(" %")
     assert rows[f"{of_beta}grid of the contact"][0] == "1 %"
     assert rows[f"{of_beta}replicas"][1].endswith(" %")
-    assert "measured here on 20 surfaces" in rows["scatter of β between surfaces"][0]
+    assert "measured here on 20" in rows["scatter of β between surfaces, relative"][0]
     assert "±" in rows["area fraction A/A0"][0]
     assert "±" in rows["friction drop ΔF at 1000 s"][0]
     assert rows["friction drop ΔF at 1000 s"][3] == "-"
@@ -200,7 +200,7 @@ def test_compare_gives_the_numbers_of_the_ensemble(files):
 
 def test_two_ensembles_are_compared_and_no_runs_are_as_before(files):
     rows = dict(compare_files([files / "mean.h5", files / "other.h5"]).table())
-    assert all("include the scatter" in text for text in rows["every ± is"])
+    assert all("with the scatter" in text for text in rows["every ± is"])
     assert "do not include" in dict(compare_files([files / "one.h5"]).table())["every ± is"][0]
 
 
@@ -251,11 +251,11 @@ def test_measurements_are_not_fitted_to_a_mean_again(files, tmp_path):
 
 def test_commands_take_its_file(command, files, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shown = command("show", files / "mean.h5")
+    shown = command("show", files / "mean.h5", "--all")
     assert "error of β: grid of the contact" in shown.out
     assert command("plot", files / "mean.h5", "--out", "drawn").status == 0
     assert (tmp_path / "drawn" / "ensemble.png").is_file()
-    done = command("compare", files / "mean.h5", files / "one.h5")
+    done = command("compare", files / "mean.h5", files / "one.h5", "--all")
     assert done.status == 0, done.err
     assert "every ± is" in done.out
     done = command("report", files / "mean.h5", "-o", "page.html")
@@ -273,28 +273,28 @@ def test_json_has_what_json_of_a_run_has_where_that_has_it(command, files):
     )
     assert missing == {
         *("solver", "engine", "ageing", "rupture", "converged", "residual", "iterations", "sites"),
-        *("site_grid", "events"),
-        *("common_random_numbers", "cutoff_time", "cutoff_time_stderr", "cutoff_time_low"),
-        *("cutoff_time_high", "cutoff_reason", "timings", "keys", "mean_shear_stress"),
+        *("site_grid", "events", "common_random_numbers", "cutoff_time", "cutoff_reason", "timings", "keys"),
+        *("mean_shear_stress", "bonds", "bonds_per_area", "bonded_fraction", "pressures", "pressures_edges"),
+        *("rms_pressure", "displacement"),
     }  # which are of one surface
     beta, drop = made().estimate("beta"), made().estimate("friction_drop")
-    assert (mean["beta"], mean["beta_half_width"]) == (beta.value, beta.half_width)
-    assert mean["beta_stderr"] == pytest.approx(np.hypot(*(part.size for part in beta.errors.values())))
-    assert mean["b_half_width"] == pytest.approx(beta.half_width / np.log(10))
-    assert mean["hold_times"] == TIMES.tolist()
-    assert (mean["friction_drop"][-1], mean["friction_drop_half_width"][-1]) == (drop.value, drop.half_width)
-    assert mean["friction_coefficient_drop_half_width"][-1] == pytest.approx(drop.half_width / 100)
-    assert mean["area_fraction"] == made().estimate("area_fraction").value
-    assert mean["load"] == one["load"] == 100.0
-    assert mean["beta_scatter_between_surfaces"] == made().scatter
+    assert mean["beta"] == {"value": beta.value, "unit": "1", "low": beta.low, "high": beta.high}
+    assert mean["b"]["high"] - mean["b"]["value"] == pytest.approx(beta.half_width / np.log(10))
+    assert mean["hold_time"]["value"] == TIMES.tolist()
+    assert (mean["friction_drop"]["value"][-1], mean["friction_drop"]["high"][-1]) == (drop.value, drop.high)
+    half = mean["friction_coefficient_drop"]["high"][-1] - mean["friction_coefficient_drop"]["value"][-1]
+    assert half == pytest.approx(drop.half_width / 100)
+    assert mean["area_fraction"]["value"] == made().estimate("area_fraction").value
+    assert mean["load"]["value"] == one["load"]["value"] == 100.0
+    assert mean["beta_scatter_between_surfaces"]["value"] == made().scatter
     bare = json.loads(command("show", files / "bare.h5", "--json").out)
-    assert (bare["beta"], bare["hold_times"], bare["friction_drop"]) == (None, [], [])
-    assert set(bare) - set(mean) == set()
+    assert (bare["beta"], bare["friction_drop"]) == (None, [])
+    assert set(bare) - set(mean) == {"hold_times"}
 
 
 def test_a_mean_of_curves_that_saturate_says_that_it_is_no_line():
     few = {"surface.pixels": 64, "surface.zeta": 8, "contact.load": "0.3 uN", "hold.temperature": 350.0}
     mean = ca.ensemble(ca.load_scene("silica-patch", few), surfaces=8)
     numbers = mean.summary()
-    assert numbers["slope_from"] > 3 * numbers["slope_to"]
-    assert any(f"no line: rms residual {numbers['rms_residual']:.3g}, local slope" in note for note in numbers["notes"])
+    assert numbers["slope_from"]["value"] > 3 * numbers["slope_to"]["value"]
+    assert any(f"no line: rms residual {numbers['rms_residual']['value']:.3g}, local slope" in note for note in numbers["notes"])
