@@ -325,7 +325,7 @@ class Programme(Kinetics):
             rates = chemistry.rates(forming + shift, kelvin)
             # one bond at most with each partner, or one after the other
             occupied = (spacing or longest) * time / slip
-            bonds = time / (1 / rates + occupied)
+            bonds = time * rates / (1 + rates * occupied)
             expected = count * float(np.dot(np.diff(edges), bonds))
             if expected < steadiness.FEWEST_BONDS / 2:
                 yield Doubt(
