@@ -31,6 +31,19 @@ def rate_state(
             "result that of its spring",
         ),
     ] = None,
+    speeds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUES",
+            help='speeds of the load point, such as "1 um/s, 10 um/s"; default: found in its displacement',
+        ),
+    ] = None,
+    changes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUES", help='when they change, such as "50 s, 90 s"'
+        ),
+    ] = None,
     out: options.FigureOpt = None,
     as_json: options.JsonOpt = False,
     as_csv: options.CsvOpt = False,
@@ -51,16 +64,31 @@ def rate_state(
         raise options.user_error(f"--law {law}: choose ageing, slip or both")
     output.check_figure(out, force)
     given = None if stiffness is None else convert(stiffness, "1/um")
-    stored = file.suffix.lower() in options.RESULTS
-    trace = trace_of(ca.read(file), given) if stored else read_trace(file, given)
+    known = [
+        None if text is None else [convert(one, unit) for one in text.split(",")]
+        for text, unit in ((speeds, "um/s"), (changes, "s"))
+    ]
+    if file.suffix.lower() not in options.RESULTS:
+        trace = read_trace(file, given, *known)
+    elif any(known):
+        raise options.user_error(
+            f"{file}: has its speeds; leave --speeds and --changes out"
+        )
+    else:
+        trace = trace_of(ca.read(file), given)
     laws = LAWS if law == "both" else (law,)
+    fits, failed = [], {}
     with progress.progress_bars({"fitting": "laws"}) as report:
-        fits = []
         for number, one in enumerate(laws):
             report("fitting", number, len(laws))
-            fits.append(fit_rate_state(trace, one))
+            try:
+                fits.append(fit_rate_state(trace, one))
+            except ca.InputError as error:
+                failed[one] = str(error)
         report("fitting", len(laws), len(laws))
-    output.deliver(RateStateDisplay(fits), out, as_json, as_csv, force)
+    if not fits:
+        raise options.user_error("\n".join(failed.values()))
+    output.deliver(RateStateDisplay(fits, failed), out, as_json, as_csv, force)
 
 
 def slip_length(

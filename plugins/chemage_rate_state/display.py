@@ -20,26 +20,27 @@ from chemage.plugin import (
     statistics,
     text,
 )
-from chemage_rate_state.fit import RateStateFit
+from chemage_rate_state.fit import TOLD, RateStateFit
+from chemage_rate_state.laws import PAPERS
 from chemage_rate_state.renewal import Renewal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: difference of misfits, twice the logarithm of the ratio of likelihoods, from which laws are told apart
-TOLD = 6.0
 #: share of sites that a slip did not renew from which it is said to be short
 LEFT = 0.1
 
 
 class RateStateDisplay(Result):
-    """Laws fitted to one trace as users see them."""
+    """Laws fitted to one trace as users see them, and why others could not be."""
 
     errors = "95 % intervals, with the correlation of the noise"
     please_cite = "Please cite the laws:"
 
-    def __init__(self, fits: Sequence[RateStateFit]) -> None:
-        self.fits = fits
+    def __init__(
+        self, fits: Sequence[RateStateFit], failed: dict[str, str]
+    ) -> None:
+        self.fits, self.failed = fits, failed
         self.trace = fits[0].trace
 
     @property
@@ -52,25 +53,28 @@ class RateStateDisplay(Result):
 
     def facts(self) -> list[tuple[str, str]]:
         trace, loading = self.trace, self.trace.loading
-        speeds = [f"{speed:.4g}" for speed in loading.speeds]
-        changes = [f"{time:.6g}" for time in loading.times[1:]]
+        speeds = ", ".join(f"{speed:.4g}" for speed in loading.speeds)
+        changes = ", ".join(f"{time:.6g}" for time in loading.times[1:])
         noise = min(fit.noise for fit in self.fits)
-        return [
+        rows = [
             ("points", f"{trace.times.size}, noise {noise:.2g}"),
-            (
-                "speeds of the load point",
-                f"{', '.join(speeds)} µm/s, changed at {', '.join(changes)} s",
-            ),
-            *((f"{fit.law} law", fit.words()) for fit in self.fits),
-            *([("laws", self._told())] if len(self.fits) > 1 else []),
+            ("speeds of the load point", f"{speeds} µm/s, changed at {changes} s"),
         ]
-
-    def _told(self) -> str:
+        for fit in self.fits:
+            rows.append((f"{fit.law} law", fit.words()))
+            rows += [("fits nearly as well", one.text()) for one in fit.rivals]
+        rows += [
+            (f"{law} law", f"not fitted: {why}") for law, why in self.failed.items()
+        ]
         best, *others = sorted(self.fits, key=lambda one: one.misfit)
-        away = others[0].misfit - best.misfit
-        if away < TOLD:
-            return f"the trace does not tell them apart: misfits differ by {away:.1f}, below {TOLD:g}"
-        return f"the {best.law} law fits better: its misfit is less by {away:.1f}"
+        for other in others:
+            away = other.misfit - best.misfit
+            better = (
+                f"the {best.law} law fits better: its misfit is less by {away:.1f}"
+            )
+            near = f"the trace does not tell them apart: misfits differ by {away:.1f}, below {TOLD:g}"
+            rows.append(("laws", near if away < TOLD else better))
+        return rows
 
     def tables(self) -> list[Table]:
         """Parameters by law."""
@@ -85,17 +89,26 @@ class RateStateDisplay(Result):
     def numbers(self) -> dict[str, Any]:
         found = {}
         for fit in self.fits:
-            numbers: dict[str, Any] = {"trend": fit.trend, "noise": fit.noise}
-            numbers |= {"misfit": fit.misfit, "probability": fit.probability}
+            numbers: dict[str, Any] = {
+                "explains": fit.explains,
+                "verdict": fit.words(),
+            }
+            for name in ("noise", "misfit", "probability"):
+                numbers[name] = getattr(fit, name)
             for one in fit.quantities():
                 numbers[one.name] = one.todict()
-            found[fit.law] = numbers
+            rivals = [
+                one.parameters._asdict() | {"misfit": one.misfit}
+                for one in fit.rivals
+            ]
+            found[fit.law] = numbers | {"rivals": rivals}
         loading = self.trace.loading
         return {
             "name": self.name,
             "speeds": loading.speeds.tolist(),
             "changes": loading.times[1:].tolist(),
             "laws": found,
+            "not_fitted": self.failed,
         }
 
     def columns(self) -> dict[str, Any]:
@@ -108,33 +121,21 @@ class RateStateDisplay(Result):
         }
 
     def cite(self) -> tuple[list[str], str]:
-        papers = {
-            "ageing": "Dieterich, J. Geophys. Res. 84, 2161 (1979), doi:10.1029/JB084iB05p02161",
-            "slip": "Ruina, J. Geophys. Res. 88, 10359 (1983), doi:10.1029/JB088iB12p10359",
-        }
-        return [papers[fit.law] for fit in self.fits], ""
+        return [PAPERS[fit.law] for fit in self.fits], ""
 
     def pictures(self) -> dict[str, Picture]:
         """Friction against the displacement of the load point, with the laws."""
-        return {
-            "rate-state": Picture((Panel(self._drawn, name="trace"),), (5.6, 4.2))
-        }
+        panel = Panel(self._drawn, name="trace")
+        return {"rate-state": Picture((panel,), (5.6, 4.2))}
 
     def _drawn(self, axes: Axes, medium: Any = None) -> None:
-        trace = self.trace
-        way = trace.way
-        begin = trace.loading.displacement(trace.loading.times[1:2])[0]
-        axes.plot(
-            way - begin, trace.friction, ".", ms=1.5, color="0.7", label="trace"
-        )
+        trace, way = self.trace, self.trace.way
+        axes.plot(way, trace.friction, ".", ms=1.5, color="0.7", label="trace")
         for fit, style in zip(self.fits, ("-", "--"), strict=False):
-            axes.plot(way - begin, fit.fitted, style, label=f"{fit.law} law")
-        lengths = [fit.parameters.slip_length for fit in self.fits]
-        last = float(np.clip(40 * max(lengths), 0, way[-1] - begin))
+            axes.plot(way, fit.fitted, style, label=f"{fit.law} law")
         axes.set(
-            xlabel="displacement of the load point after the first change (µm)",
+            xlabel="displacement of the load point (µm)",
             ylabel="friction coefficient",
-            xlim=(-0.3 * last, last or 1.0),
         )
         figures.legend(axes)
 

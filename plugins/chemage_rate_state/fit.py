@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TypeAlias
+from itertools import pairwise, product
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,36 +14,47 @@ from chemage.plugin import Quantity, Rank, statistics
 from chemage_rate_state.laws import LAWS, Law, Parameters, change
 from chemage_rate_state.traces import Trace
 
-#: order of the autoregressive noise at most, of which that of least BIC is taken, and change of the interval of sampling,
-#: relative, at which another noise begins
-ORDER, RESAMPLED = 5, 0.5
-#: D_c over the way at the first speed in the time after the first change, b/a, and K D_c/a, from which fits begin
-STARTS = [
-    (way, ratio, pull)
-    for way in (0.003, 0.03, 0.3)
-    for ratio in (0.5, 1.0, 1.5)
-    for pull in (0.3, 3.0, 30.0)
-]
-#: fits that are completed of them, and points of the trace for that
-COMPLETED, SOME = 3, 400
-#: times that parameters are fitted with the noise of what was left before
-REPEATED = 2
-#: what is left, in friction, of parameters at which the slider is unstable, or K D_c/a above RIGID, where no trace tells
-#: how stiff the spring is and it is not given
-UNSTABLE, RIGID = 1e3, 1e3
-#: relative step of the derivatives
-DIFFERENCE = 1e-4
-#: parts of equal ratios of the slip after each change, in which the mean of what is left is tested, and their end in D_c
-PARTS, END = 8, 20.0
-#: probability by chance below which a law does not explain a trace
-UNLIKELY = 0.01
+#: from where fits begin: D_c over the way after the first change, b/a, and K D_c/a above that at which sliding is unstable
+LENGTHS = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3)
+RATIOS = (0.5, 0.9, 1.2, 1.6, 2.5)
+ABOVE = (0.05, 0.3, 1.5, 8.0, 40.0)
+#: force of the spring after the largest step of the load point, over a, from which no trace tells how stiff it is, and D_c
+#: over the way below which none tells it
+RIGID, SHORT = 30.0, 1e-5
+#: points of which starts are compared, and means of points that are fitted, at most
+SOME, POINTS = 400, 2000
+#: memory of the noise from which its likelihood is improved, and between which bounds
+WHITE = (0.0, 0.0, 0.0)
+MEMORIES = (WHITE, (0.7, 0.0, 0.0), (0.0, 0.5, 0.0), (0.9, 0.0, -0.6))
+BOUNDS = ((-0.9, 0.99), (0.0, 1.0), (-0.95, 0.95))
+#: difference of misfits, twice the logarithm of the ratio of likelihoods, from which fits are told apart
+TOLD = 6.0
+#: difference of misfits above which a minimum is left, and of logarithms below which two are the same
+NEAR, SAME = 50.0, 0.05
+#: what is left, in friction, of parameters at which the slider is unstable, and relative step of the derivatives
+UNSTABLE, DIFFERENCE = 1e3, 1e-4
+#: parts of equal ratios of the time after each change, in which what is left is tested, and their end in D_c of slip
+PARTS, END = 6, 20.0
+#: probability by chance below which a law does not explain a trace, and error of a logarithm above which it is not judged
+UNLIKELY, UNTOLD = 0.01, 0.5
 
 A = Quantity("a", "1", "direct effect", "a", rank=Rank.FIRST)
 B = Quantity("b", "1", "evolution effect", "b", rank=Rank.FIRST)
 DIFFERENCE_OF_BOTH = Quantity("a_minus_b", "1", "velocity dependence", "a − b")
 SLIP_LENGTH = Quantity("slip_length", "um", "slip length", "D_c", rank=Rank.FIRST)
 STIFFNESS = Quantity("stiffness", "1/um", "stiffness over the normal force", "K")
-Whiten: TypeAlias = Callable[[np.ndarray], np.ndarray]
+
+
+class Rival(NamedTuple):
+    """Another minimum, and by how much its misfit is larger."""
+
+    parameters: Parameters
+    misfit: float
+
+    def text(self) -> str:
+        """Its numbers."""
+        a, b, length, _ = self.parameters
+        return f"a = {a:.3g}, b = {b:.3g}, D_c = {length:.3g} µm: misfit larger by {self.misfit:.1f}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,22 +68,21 @@ class RateStateFit:
     fitted: np.ndarray
     #: (k, k) covariance of ln a, ln b, ln D_c and, if it was fitted, ln K
     covariance: np.ndarray
-    #: trend of the friction with displacement, 1/µm
-    trend: float
     #: standard deviation of the noise, and minus twice the logarithm of the likelihood
     noise: float
     misfit: float
     #: probability that what is left after the changes of speed is noise
     probability: float
-    #: way over which the noise is correlated, µm
-    correlated: float
     freedom: int
+    #: other minima that are not much worse
+    rivals: list[Rival]
 
     def quantities(self) -> list[Quantity]:
         """Parameters with 95 % intervals."""
         limit = statistics.student_limit(self.freedom)
-        declared, found = (A, B, SLIP_LENGTH, STIFFNESS), []
+        found = []
         errors = np.sqrt(np.diag(self.covariance))
+        declared = (A, B, SLIP_LENGTH, STIFFNESS)
         for k, (one, value) in enumerate(
             zip(declared, self.parameters, strict=True)
         ):
@@ -85,17 +95,15 @@ class RateStateFit:
                 one.but(value=value, stated="ends").within(*ends, value * errors[k])
             )
         a, b, *_ = self.parameters
-        slopes = np.zeros(errors.size)
-        slopes[:2] = a, -b
+        slopes = np.append([a, -b], np.zeros(errors.size - 2))
         error = float(np.sqrt(slopes @ self.covariance @ slopes))
         both = DIFFERENCE_OF_BOTH.but(value=a - b).between(limit * error, error)
         return [*found[:2], both, *found[2:]]
 
     @property
     def told(self) -> bool:
-        """Whether noise is told from a wrong law: it is forgotten within D_c, and smaller than what is explained."""
-        change = float(np.ptp(self.fitted - self.trend * self.trace.way))
-        return self.correlated < self.parameters.slip_length and self.noise < change
+        """Whether the noise leaves a, b and D_c to be seen."""
+        return bool(np.diag(self.covariance)[:3].max() < UNTOLD**2)
 
     @property
     def explains(self) -> bool:
@@ -105,10 +113,7 @@ class RateStateFit:
     def words(self) -> str:
         """Whether the law explains the trace."""
         if not self.told:
-            return (
-                f"cannot be judged: what it leaves ({self.noise:.2g}, correlated over {self.correlated:.2g} µm) is as large "
-                "as what it explains, or as long as D_c; intervals mean nothing"
-            )
+            return "cannot be judged: a, b or D_c is hidden by the noise"
         if self.explains:
             return f"explains the trace (p = {self.probability:.2g})"
         return (
@@ -121,7 +126,8 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
     """``law`` fitted to ``trace``, with a constant and a trend linear in displacement; the stiffness too, unless the
     trace has it.
 
-    The noise is autoregressive, of its own kind in each part of equal sampling, and estimated from what is left.
+    Fits begin all over the ranges of D_c, b/a and stiffness; the best is kept. The noise, ARFIMA(1, d, 1), has the
+    largest restricted likelihood (Beran, *Statistics for Long-Memory Processes*, 1994).
 
     Raises
     ------
@@ -130,20 +136,17 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
     """
     if law not in LAWS:
         raise InputError(f"law: {law!r}; there are {', '.join(LAWS)}")
-    misfit = _Misfit(law, trace)
-    logs = misfit.begun()
-    for _ in range(REPEATED):
-        noise = _whitening(misfit.left(logs), trace.times)
-        _, logs = misfit.completed(logs, noise.apply)
-    rest = misfit.left(logs)
-    whitening = _whitening(rest, trace.times)
-    white = misfit.left(logs, whitening.apply)
-    slopes = _slopes(lambda at: misfit.left(at, whitening.apply), logs)
-    # points that the noise leaves independent
-    points = trace.times.size / max(1.0, whitening.samples)
-    freedom = max(1, int(points) - logs.size - 2 - len(whitening.parts))
+    misfit = _Misfit(law, trace, every=max(1, trace.times.size // SOME))
+    found = _distinct([misfit.completed(one, 40) for one in misfit.starts()])
+    for _ in range(2):
+        misfit = _Misfit(law, trace, _Misfit(law, trace).memory_at(found[0].logs))
+        found = _distinct([misfit.completed(one.logs, 60) for one in found])
+    logs = found[0].logs
+    rest, slopes = misfit.left(logs), misfit.slopes(logs)
+    columns = np.concatenate([slopes, misfit.base], axis=1)
+    freedom = rest.size - columns.shape[1]
     try:
-        covariance = np.linalg.inv(slopes.T @ slopes) * points / freedom
+        covariance = np.linalg.inv(slopes.T @ slopes) * (rest @ rest / freedom)
     except np.linalg.LinAlgError:
         covariance = np.full((logs.size, logs.size), np.nan)
     if not np.isfinite(covariance).all():
@@ -151,193 +154,208 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
             f"{trace.name}: the trace does not tell the parameters of the {law} law; give the stiffness, or a trace "
             "with more slip after a change of speed"
         )
-    best, way = misfit.parameters(logs), misfit.way
-    model = change(law, best, trace.loading, trace.times)
-    columns = misfit.columns
-    shift = np.linalg.lstsq(columns, trace.friction - model, rcond=None)[0]
+    model = misfit.model(logs)
+    shift = np.linalg.lstsq(misfit.drifts, trace.friction - model, rcond=None)[0]
+    fitted = model + misfit.drifts @ shift
     return RateStateFit(
         trace,
         law,
-        best,
-        model + columns @ shift,
+        misfit.parameters(logs),
+        fitted,
         covariance,
-        float(shift[1] / way[-1]),
-        float(rest.std()),
-        float(white @ white) + 2 * whitening.log_size,
-        _probability(white, trace, best),
-        whitening.samples * float(way[-1]) / trace.times.size,
+        float((trace.friction - fitted).std()),
+        found[0].misfit,
+        misfit.probability(rest, columns, logs),
         freedom,
+        [
+            Rival(misfit.parameters(one.logs), one.misfit - found[0].misfit)
+            for one in found[1:]
+            if one.misfit - found[0].misfit < TOLD
+        ],
     )
 
 
-def _unchanged(values: np.ndarray) -> np.ndarray:
-    return values
+class _Minimum(NamedTuple):
+    """Minus twice the logarithm of the likelihood, and where it is."""
+
+    misfit: float
+    logs: np.ndarray
+
+
+def _distinct(found: list[_Minimum]) -> list[_Minimum]:
+    """The best, and others that are near it."""
+    kept: list[_Minimum] = []
+    for one in sorted(found, key=lambda one: one.misfit):
+        new = all(np.abs(one.logs - other.logs).max() > SAME for other in kept)
+        if new and (not kept or one.misfit < kept[0].misfit + NEAR):
+            kept.append(one)
+    return kept
 
 
 class _Misfit:
     """What a law leaves of a trace, for logarithms of a, b, D_c and, unless the trace has it, K."""
 
-    def __init__(self, law: Law, trace: Trace) -> None:
+    def __init__(
+        self,
+        law: Law,
+        trace: Trace,
+        memory: Sequence[float] = WHITE,
+        every: int = 1,
+    ) -> None:
         self.law: Law = law
-        self.trace = trace
-        self.way = trace.way
-        #: (m, 2) constant and trend
-        ones = np.ones(self.way.size)
-        self.columns = np.stack([ones, self.way / self.way[-1]], axis=1)
+        self.memory = memory
+        self.loading, self.given = trace.loading, trace.stiffness
+        self.times, self.friction = trace.times[::every], trace.friction[::every]
+        way = trace.way
+        self.whole, self.finest = way[-1], np.diff(way).max()
+        drifts = np.ones(way.size), way / way[-1], trace.times / np.ptp(trace.times)
+        #: (m, 3) constant, and trends with displacement and time
+        self.drifts = np.stack(drifts, axis=1)[::every]
+        self.base = np.linalg.qr(self.whitened(self.drifts))[0]
+
+    def whitened(
+        self, values: np.ndarray, memory: Sequence[float] = ()
+    ) -> np.ndarray:
+        """Means (n, ...) of neighbouring ``values`` (m, ...), as multiples of independent noise."""
+        from scipy.signal import fftconvolve, lfilter
+
+        begins = np.arange(0, len(values), -(-len(values) // POINTS))
+        counts = np.diff(np.append(begins, len(values)))
+        means = np.add.reduceat(values, begins).T / counts
+        ar, power, ma = memory or self.memory
+        k = np.arange(1, begins.size)
+        past = np.append(1.0, np.cumprod((k - 1 - power) / k))
+        if power:
+            means = fftconvolve(
+                means, past.reshape((1,) * (means.ndim - 1) + (-1,)), axes=-1
+            )
+        found = lfilter([1.0, -ar], [1.0, ma], means[..., : begins.size])
+        # of the first points the past is not known
+        return found[..., begins.size // 50 + 1 :].T
 
     def parameters(self, logs: np.ndarray) -> Parameters:
         a, b, length, *free = (float(one) for one in np.exp(logs))
-        given = self.trace.stiffness
+        given = self.given
         return Parameters(a, b, length, free[0] if given is None else given)
 
-    def left(self, logs: np.ndarray, whiten: Whiten = _unchanged) -> np.ndarray:
-        """(m,) what no constant and no trend explain either."""
-        trace, law, at = self.trace, self.law, self.parameters(logs)
-        free = trace.stiffness is None
-        if free and at.stiffness * at.slip_length > RIGID * at.a:
-            return np.full(trace.times.size, UNSTABLE)
-        try:
-            model = change(law, at, trace.loading, trace.times)
-        except FloatingPointError:
-            return np.full(trace.times.size, UNSTABLE)
-        rest, columns = whiten(trace.friction - model), whiten(self.columns)
-        return rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
+    def model(self, logs: np.ndarray) -> np.ndarray:
+        """(m,) change of friction; far from any where the slider is unstable, or no trace could tell."""
+        at = self.parameters(np.clip(logs, -50, 50))
+        told = at.slip_length > SHORT * self.whole and (
+            self.given is not None or at.stiffness * self.finest < RIGID * at.a
+        )
+        if told:
+            found = change(self.law, at, self.loading, self.times)
+            if np.isfinite(found[-1]):
+                return found
+        return UNSTABLE * (-1.0) ** np.arange(self.times.size)
 
-    def completed(
-        self, start: np.ndarray, whiten: Whiten = _unchanged
-    ) -> tuple[float, np.ndarray]:
-        """Least sum of squares, and where it is."""
+    def left(self, logs: np.ndarray) -> np.ndarray:
+        """(n,) what no constant and no trend explain either, as multiples of independent noise."""
+        rest = self.whitened(self.friction - self.model(logs))
+        return rest - self.base @ (self.base.T @ rest)
+
+    def slopes(self, logs: np.ndarray) -> np.ndarray:
+        """(n, k) central differences."""
+        steps = DIFFERENCE * np.eye(logs.size)
+        pairs = [self.left(logs + step) - self.left(logs - step) for step in steps]
+        return np.stack(pairs, axis=1) / (2 * DIFFERENCE)
+
+    def completed(self, start: np.ndarray, most: int) -> _Minimum:
+        """The minimum from ``start``."""
         from scipy.optimize import least_squares
 
-        how = {"diff_step": DIFFERENCE, "args": (whiten,), "max_nfev": 60}
-        found = least_squares(self.left, start, "3-point", **how)
-        return float(found.cost), found.x
+        how: Any = {"x_scale": "jac", "ftol": 1e-7, "max_nfev": most}
+        found = least_squares(self.left, start, self.slopes, **how)
+        size = found.fun.size
+        return _Minimum(float(size * np.log(2 * found.cost / size)), found.x)
 
-    def begun(self) -> np.ndarray:
-        """The best of the starts that were completed, on some of the points; a follows from the size of the change."""
-        some = _Misfit(self.law, self.trace.thinned(SOME))
-        trace, guess, tried = some.trace, 0.01, []
-        loading, given = trace.loading, trace.stiffness
-        after = float(loading.speeds[0] * (trace.times[-1] - loading.times[1]))
-        for part, ratio, pull in STARTS:
-            length = part * after
-            stiffness = given or pull * guess / length
-            one = Parameters(guess, guess * ratio, length, stiffness)
-            try:
-                shape = change(self.law, one, loading, trace.times)[:, None]
-            except FloatingPointError:
-                continue
-            columns = np.concatenate([some.columns, shape], axis=1)
-            solved = np.linalg.lstsq(columns, trace.friction, rcond=None)[0]
-            size = max(float(solved[2]), 0.01)
-            values = [size * guess, size * guess * ratio, length, size * stiffness]
-            logs = np.log(values[: 4 if given is None else 3])
-            tried.append((float(np.sum(some.left(logs) ** 2)), logs))
-        if not tried:
+    def starts(self) -> list[np.ndarray]:
+        """The best of each D_c; where K is free a follows from the size of the change."""
+        found, given = [], self.given
+        after = self.whole - self.loading.displacement(self.loading.times[1:2])[0]
+        for part in LENGTHS:
+            length, tried = part * after, []
+            for ratio, above in product(RATIOS, ABOVE):
+                pull = max(ratio - 1.0, 0.0) + above
+                one = Parameters(1.0, ratio, length, pull / length)
+                shape = change(self.law, one, self.loading, self.times)
+                if not np.isfinite(shape[-1]):
+                    continue
+                size = (given or 0.0) * length / pull
+                if given is None:
+                    base = np.column_stack([self.drifts, shape])
+                    size = max(
+                        np.linalg.lstsq(base, self.friction, rcond=None)[0][-1],
+                        1e-4,
+                    )
+                logs = np.log([size, size * ratio, length, size * one.stiffness])
+                logs = logs[: 4 if given is None else 3]
+                tried.append((float(np.sum(self.left(logs) ** 2)), logs))
+            if tried:
+                found.append(min(tried, key=lambda one: one[0])[1])
+        if not found:
             raise InputError(
-                f"{trace.name}: the {self.law} law is unstable from every start; check units and stiffness"
+                f"the {self.law} law is unstable from every start; check units and stiffness"
             )
-        tried.sort(key=lambda one: one[0])
-        ends = [some.completed(logs) for _, logs in tried[:COMPLETED]]
-        return min(ends, key=lambda one: one[0])[1]
-
-
-def _slopes(of: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
-    """(m, k) central differences."""
-    steps = DIFFERENCE * np.eye(at.size)
-    return np.stack(
-        [(of(at + step) - of(at - step)) / (2 * DIFFERENCE) for step in steps],
-        axis=1,
-    )
-
-
-@dataclass(frozen=True)
-class _Whitening:
-    """Autoregressive noise of parts of a trace."""
-
-    #: of each part its points, its coefficients (p,), its standard deviation and that of the innovations
-    parts: list[tuple[slice, np.ndarray, float, float]]
-
-    def apply(self, values: np.ndarray) -> np.ndarray:
-        """(m, ...) values as multiples of independent noise."""
-        from scipy.signal import lfilter
-
-        found = np.empty_like(values)
-        for part, memory, whole, innovation in self.parts:
-            own = values[part]
-            found[part] = lfilter(np.append(1.0, -memory), [1.0], own, axis=0)
-            found[part] /= innovation
-            found[part][: memory.size] = own[: memory.size] / whole
         return found
 
-    @property
-    def samples(self) -> float:
-        """Points over which the noise is correlated at most: its power at frequency 0 over its variance."""
-        powers = (
-            (innovation / whole / max(1.0 - memory.sum(), 1e-12)) ** 2
-            for _, memory, whole, innovation in self.parts
+    def parts(self, logs: np.ndarray) -> np.ndarray:
+        """(m, parts) 1 for the points of each part of the time after a change of speed."""
+        length = self.parameters(logs).slip_length
+        times, speeds = self.loading.times, self.loading.speeds
+        ends, found = np.append(times[2:], self.times[-1]), []
+        for begin, end, speed in zip(times[1:], ends, speeds[1:], strict=True):
+            last = min(end - begin, END * length / speed if speed else np.inf)
+            edges = begin + np.append(0.0, last * 2.0 ** np.arange(1 - PARTS, 1))
+            for low, high in pairwise(edges):
+                inside = (self.times > low) & (self.times <= high)
+                if inside.any():
+                    found.append(inside.astype(float))
+        return np.stack(found, axis=1)
+
+    def memory_at(self, logs: np.ndarray) -> Sequence[float]:
+        """Of the noise, where its restricted likelihood is largest."""
+        from scipy.optimize import minimize
+
+        steps = DIFFERENCE * np.eye(logs.size)
+        slopes = [
+            self.model(logs + step) - self.model(logs - step) for step in steps
+        ]
+        rest = self.friction - self.model(logs)
+        every = np.column_stack(
+            [self.drifts, *slopes, self.parts(logs), rest - rest.mean()]
         )
-        return float(max(powers))
+        every /= np.abs(every).max(axis=0)
 
-    @property
-    def log_size(self) -> float:
-        """Logarithm of the product of all standard deviations."""
-        return sum(
-            memory.size * np.log(whole)
-            + (part.stop - part.start - memory.size) * np.log(innovation)
-            for part, memory, whole, innovation in self.parts
+        def cost(memory: Any) -> float:
+            white = self.whitened(every, tuple(memory))
+            squares = white.T @ white
+            squares += 1e-12 * np.diag(np.diag(squares))
+            sizes = np.log(np.diag(np.linalg.cholesky(squares)))
+            return float(
+                2 * (len(white) - sizes.size + 1) * sizes[-1] + 2 * sizes[:-1].sum()
+            )
+
+        how = {"xatol": 0.01, "fatol": 0.05, "maxfev": 120}
+        start = min(MEMORIES, key=cost)
+        return tuple(
+            minimize(
+                cost, start, method="Nelder-Mead", bounds=BOUNDS, options=how
+            ).x
         )
 
+    def probability(
+        self, rest: np.ndarray, columns: np.ndarray, logs: np.ndarray
+    ) -> float:
+        """That parts of the time after each change leave nothing but noise (F-test)."""
+        from scipy.stats import f
 
-def _whitening(rest: np.ndarray, times: np.ndarray) -> _Whitening:
-    """From what is left, (m,), in each part of equal sampling."""
-    steps = np.log(np.diff(times))
-    ends = np.flatnonzero(np.abs(np.diff(steps)) > RESAMPLED) + 2
-    ends = [0, *(end for end in ends if 10 * ORDER < end < times.size - 10 * ORDER)]
-    kept = [ends[0]]
-    for end in ends[1:]:
-        if end - kept[-1] > 10 * ORDER:
-            kept.append(int(end))
-    parts = []
-    for low, high in zip(kept, [*kept[1:], times.size], strict=True):
-        own = rest[low:high]
-        memory, innovation = min(
-            (_remembered(own, order) for order in range(1, ORDER + 1)),
-            key=lambda one: (
-                np.log(one[1]) + 0.5 * one[0].size * np.log(own.size) / own.size
-            ),
+        every = np.column_stack([columns, self.whitened(self.parts(logs))])
+        left = rest - every @ np.linalg.lstsq(every, rest, rcond=None)[0]
+        more, freedom = (
+            every.shape[1] - columns.shape[1],
+            rest.size - every.shape[1],
         )
-        least = 1e-12 * max(float(np.abs(own).max()), 1e-300)
-        whole = max(float(own.std()), least)
-        parts.append((slice(low, high), memory, whole, max(innovation, least)))
-    return _Whitening(parts)
-
-
-def _remembered(own: np.ndarray, order: int) -> tuple[np.ndarray, float]:
-    """Coefficients (order,) of autoregressive noise, and the standard deviation of its innovations."""
-    past = np.stack([own[ORDER - 1 - k : -1 - k] for k in range(order)], axis=1)
-    memory = np.linalg.lstsq(past, own[ORDER:], rcond=None)[0]
-    left = own[ORDER:] - past @ memory
-    return memory, max(float(np.std(left, ddof=order)), 1e-300)
-
-
-def _probability(white: np.ndarray, trace: Trace, best: Parameters) -> float:
-    """That means over parts of the slip after each change are those of noise."""
-    from scipy.stats import chi2
-
-    loading, squares, count = trace.loading, 0.0, 0
-    way = trace.way
-    places = loading.displacement(loading.times)
-    ends = [*places[2:], way[-1]]
-    for begin, end, speed in zip(places[1:], ends, loading.speeds[1:], strict=True):
-        if not speed:
-            continue
-        passed = (way - begin) / best.slip_length
-        last = min(END, (end - begin) / best.slip_length)
-        edges = np.append(0.0, np.geomspace(last / 2**PARTS, last, PARTS + 1))
-        for low, high in pairwise(edges):
-            inside = (passed > low) & (passed <= high) & (way <= end)
-            if number := np.count_nonzero(inside):
-                squares += float(white[inside].sum() ** 2 / number)
-                count += 1
-    return float(chi2.sf(squares, count)) if count else 1.0
+        gain = (rest @ rest - left @ left) / more
+        return float(f.sf(gain / (left @ left / freedom), more, freedom))

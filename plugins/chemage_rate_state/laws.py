@@ -6,19 +6,16 @@ Geophys. Res. 84, 2161 (1979)) or −(Vθ/D_c) ln(Vθ/D_c) (slip law; Ruina, J. 
 
 from __future__ import annotations
 
-import math
-import warnings
-from collections.abc import Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 Law: TypeAlias = Literal["ageing", "slip"]
-LAWS: tuple[Law, ...] = ("ageing", "slip")
-#: relative and absolute error of a step of the integration
-RELATIVE, ABSOLUTE = 1e-9, 1e-11
-#: steps between two times at most
-MOST_STEPS = 500
+PAPERS: dict[Law, str] = {
+    "ageing": "Dieterich, J. Geophys. Res. 84, 2161 (1979), doi:10.1029/JB084iB05p02161",
+    "slip": "Ruina, J. Geophys. Res. 88, 10359 (1983), doi:10.1029/JB088iB12p10359",
+}
+LAWS = tuple(PAPERS)
 
 
 class Parameters(NamedTuple):
@@ -50,67 +47,16 @@ class Loading(NamedTuple):
 def change(
     law: Law, parameters: Parameters, loading: Loading, times: np.ndarray
 ) -> np.ndarray:
-    """(m,) μ − μ₀ at ``times`` (m,), s, not falling.
+    """(m,) μ − μ₀ at ``times`` (m,), s, rising; NaN from where the slider is unstable.
 
     With x = ln(V/V₀), y = ln(V₀θ/D_c) and the time in D_c/V₀ all is of order one: y' = exp(−y) − exp(x) or −exp(x)(x +
     y), and a x' = K D_c (V_load/V₀ − exp(x)) − b y'.
-
-    Raises
-    ------
-    FloatingPointError
-        The slider is unstable, so that its speed leaves the range of numbers.
     """
-    found = np.zeros(times.size)
-    state: Sequence[float] = (0.0, 0.0)
-    unit = loading.speeds[0] / parameters.slip_length
-    ends = np.append(loading.times[1:], times[-1])
-    parts = zip(loading.times, ends, loading.speeds, strict=True)
-    for number, (begin, end, speed) in enumerate(parts):
-        if number == 0:
-            continue  # steady
-        inside = (times > begin) & (times <= end)
-        passed = (times[inside] - begin) * unit
-        span = (end - begin) * unit
-        if span <= 0:
-            continue
-        if not np.isfinite(span):
-            raise FloatingPointError("a slip length of 0")
-        ratio = speed / loading.speeds[0]
-        wanted = (
-            passed
-            if passed.size and passed[-1] >= span
-            else np.append(passed, span)
-        )
-        x, y = _integrated(law, parameters, ratio, state, wanted)
-        found[inside] = (parameters.a * x + parameters.b * y)[: passed.size]
-        state = float(x[-1]), float(y[-1])
-    return found
+    from chemage_rate_state._kernels import states
 
-
-def _integrated(
-    law: Law,
-    parameters: Parameters,
-    ratio: float,
-    state: Sequence[float],
-    times: np.ndarray,
-) -> np.ndarray:
-    """(2, m) x and y at ``times`` (m,), in D_c/V₀, from ``state`` at 0."""
-    from scipy.integrate import ODEintWarning, odeint
-
-    a, b, length, stiffness = (float(one) for one in parameters)
-    pull, ratio = stiffness * length, float(ratio)
-
-    def rates(_: float, at: Sequence[float]) -> tuple[float, float]:
-        x, y = float(at[0]), float(at[1])
-        speed = math.exp(x)
-        evolved = math.exp(-y) - speed if law == "ageing" else -speed * (x + y)
-        return (pull * (ratio - speed) - b * evolved) / a, evolved
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", ODEintWarning)
-        how = {"rtol": RELATIVE, "atol": ABSOLUTE, "mxstep": MOST_STEPS}
-        try:
-            found = odeint(rates, state, np.append(0.0, times), tfirst=True, **how)
-        except (ODEintWarning, ArithmeticError) as error:
-            raise FloatingPointError(str(error)) from None
-    return found[1:].T
+    a, b, length, stiffness = parameters
+    unit, first = loading.speeds[0] / length, loading.times[0]
+    pull, ratios = stiffness * length / a, loading.speeds / loading.speeds[0]
+    begins, passed = unit * (loading.times - first), unit * (times - first)
+    found = states(law == "slip", b / a, pull, begins, ratios, passed)
+    return a * found[:, 0] + b * found[:, 1]

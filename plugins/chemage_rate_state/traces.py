@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -13,11 +13,14 @@ from chemage import InputError
 from chemage.plugin import read_columns
 from chemage_rate_state.laws import Loading
 
-#: change of the speed over the larger that counts, and by how much the misfit of lines must fall per ln(points) for one
-CHANGED, BETTER = 0.01, 12.0
-#: points of a part of constant speed at least, and part of the largest speed below which the load
-#: point rests, as it does where its speed is within three standard errors
-FEWEST, RESTS = 10, 1e-3
+#: change of the speed over the larger that counts, and part of the largest speed below which the load point rests, as it
+#: does where its speed is within three standard errors
+CHANGED, RESTS = 0.01, 1e-5
+#: points in which changes of speed are sought, parts at most, and points of a part at least
+SOUGHT, MOST, FEWEST = 1000, 30, 3
+#: by how much the logarithm of the mean square must fall with a change of speed, over ln(points)/points, and the error of
+#: a displacement over its range that is not told from none
+BETTER, EXACT = 12.0, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,23 +36,14 @@ class Trace:
     stiffness: float | None = None
 
     def __post_init__(self) -> None:
-        if self.times.size < 2 * FEWEST:
-            raise InputError(
-                f"{self.name}: {self.times.size} points; {2 * FEWEST} are needed"
-            )
-        for name in ("times", "friction"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise InputError(f"{self.name}: {name}: not all are finite numbers")
-        if (np.diff(self.times) <= 0).any():
-            place = int(np.argmax(np.diff(self.times) <= 0)) + 1
-            raise InputError(
-                f"{self.name}: times: must rise; point {place + 1} is at {self.times[place]:g} s after "
-                f"{self.times[place - 1]:g} s"
-            )
+        _rising(self.name, self.times)
+        if not np.isfinite(self.friction).all():
+            raise InputError(f"{self.name}: friction: not all are finite numbers")
         speeds = self.loading.speeds
         if speeds.size < 2 or speeds[0] <= 0:
             raise InputError(
-                f"{self.name}: the speed of the load point must change, from one above 0: {speeds.tolist()} µm/s"
+                f"{self.name}: the speed of the load point must change, from one above 0: {speeds.tolist()} µm/s; where it "
+                'does, say how: --speeds "1 um/s, 10 um/s"'
             )
 
     @property
@@ -57,86 +51,128 @@ class Trace:
         """(m,) µm of the load point."""
         return self.loading.displacement(self.times)
 
-    def thinned(self, points: int) -> Trace:
-        """About so many of its points."""
-        kept = slice(None, None, max(1, round(self.times.size / points)))
-        return replace(self, times=self.times[kept], friction=self.friction[kept])
+
+def _rising(name: str, times: np.ndarray) -> None:
+    if times.size < 20:
+        raise InputError(f"{name}: {times.size} points; 20 are needed")
+    falls = ~(np.diff(times) > 0)
+    if falls.any():
+        at = int(np.argmax(falls))
+        raise InputError(
+            f"{name}: times: must rise; point {at + 2} is at {times[at + 1]:g} s after {times[at]:g} s"
+        )
 
 
-def loading_of(times: np.ndarray, displacement: np.ndarray) -> Loading:
-    """The constant speeds of a measured ``displacement`` (m,) of the load point, µm, at ``times`` (m,), s.
+def loading_of(
+    times: np.ndarray,
+    displacement: np.ndarray,
+    speeds: Sequence[float] | None = None,
+    changes: Sequence[float] | None = None,
+) -> Loading:
+    """The constant speeds of a ``displacement`` (m,) of the load point, µm, at ``times`` (m,), s: straight lines that meet.
 
-    A part is halved where two lines explain it much better than one (binary segmentation), and the speeds differ; then
-    each change is sought once more between its neighbours.
+    ``speeds``, µm/s, and ``changes``, s, are given where they are known.
+
+    Raises
+    ------
+    InputError
+        The load point moves back, or speeds and changes do not fit.
     """
-    found, pending = {0, times.size}, [(0, times.size)]
-    while pending:
-        low, high = pending.pop()
-        split = _split(times[low:high], displacement[low:high])
-        if split is not None:
-            found.add(low + split)
-            pending += [(low, low + split), (low + split, high)]
-    # the first halves were not those of the truth
-    ends, before = sorted(found), None
-    while ends != before:
-        before, kept = ends, [0]
-        for high in ends[2:]:
-            low = kept[-1]
-            split = _split(times[low:high], displacement[low:high])
-            if split is not None:
-                kept.append(low + split)
-        ends = [*kept, times.size]
-    lines, doubts = [], []
+    passed, end = times - times[0], times[-1] - times[0]
+    given = None if speeds is None else np.array(speeds, dtype=float)
+    if changes is None:
+        kept, ends = _segments(passed, displacement, given)
+        # first through the points of which is known where they belong
+        for points in (kept, slice(None), slice(None)):
+            found, heights = _lines(
+                passed[points], displacement[points], ends, given
+            )
+            largest = np.maximum(found[1:], found[:-1])
+            differ = (np.abs(np.diff(found)) > CHANGED * largest) | (
+                given is not None
+            )
+            with np.errstate(divide="ignore", invalid="ignore"):
+                meet = -np.diff(heights) / np.diff(found)
+            ends = np.concatenate([[0.0], meet[differ], [end]])
+    else:
+        ends = np.concatenate(
+            [[0.0], np.array(changes, dtype=float) - times[0], [end]]
+        )
+    parts = ends.size - 1
+    if not (np.diff(ends) > 0).all() or (given is not None and given.size != parts):
+        known = "" if given is None else f" {given.size} speeds,"
+        raise InputError(
+            f"{known} changes at {(ends[1:-1] + times[0]).tolist()} s: they must rise between {times[0]:g} and {times[-1]:g} s, one "
+            'less than the speeds; give both: --speeds "1 um/s, 10 um/s" --changes "50 s"'
+        )
+    found, _ = _lines(passed, displacement, ends, given)
+    return Loading(times[0] + ends[:-1], found)
+
+
+def _lines(
+    times: np.ndarray, way: np.ndarray, ends: np.ndarray, given: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Speed, and height at time 0, of the line between each two ``ends``; slow ones rest."""
+    lines = []
     for low, high in pairwise(ends):
-        passed, own = times[low:high] - times[0], displacement[low:high]
-        line = np.polyfit(passed, own, 1)
-        lines.append(line)
-        rest = (own - np.polyval(line, passed)).std()
-        doubts.append(3 * rest / (passed.std() * np.sqrt(passed.size)))
-    speeds = np.array([line[0] for line in lines])
-    speeds[np.abs(speeds) < np.maximum(doubts, RESTS * np.abs(speeds).max())] = 0.0
-    if (speeds < 0).any():
+        inside = (times >= low) & (times <= high)
+        if np.count_nonzero(inside) < 2:
+            raise InputError(
+                f"displacement: fewer than 2 points between {low:g} and {high:g} s after the first; give --speeds and --changes"
+            )
+        own, at = (
+            way[inside] - way[inside].mean(),
+            times[inside] - times[inside].mean(),
+        )
+        speed = at @ own / (at @ at)
+        doubt = 3 * (own - speed * at).std() / np.sqrt(at @ at)
+        lines.append((speed, doubt, times[inside].mean(), way[inside].mean()))
+    found, doubts, at, own = np.transpose(lines)
+    if given is not None:
+        found = given
+    elif (found < -CHANGED * found.max()).any():
         raise InputError(
             "displacement: the load point moves back; give its displacement in the direction of slip"
         )
-    meet = [
-        (after[1] - before[1]) / (before[0] - after[0])
-        for before, after in pairwise(lines)
-    ]
-    return Loading(times[0] + np.append(0.0, meet), speeds)
+    else:
+        found[found < np.maximum(doubts, RESTS * found.max())] = 0.0
+    return found, own - found * at
 
 
-def _split(times: np.ndarray, values: np.ndarray) -> int | None:
-    """Where two lines explain ``values`` much better than one; None: nowhere."""
-    size = times.size
-    if size < 2 * FEWEST:
-        return None
-    centred = np.stack(
-        [np.ones(size), times - times.mean(), values - values.mean()]
-    )
-    products = np.cumsum(centred[:, None] * centred[None], axis=2)
-    whole = products[..., -1:]
-
-    def misfit(sums: np.ndarray) -> np.ndarray:
-        """Of the line through points whose sums of products these are (3, 3, n)."""
-        count, squares = sums[0, 0], sums[1, 1] - sums[0, 1] ** 2 / sums[0, 0]
-        both = sums[1, 2] - sums[0, 1] * sums[0, 2] / count
-        spread = sums[2, 2] - sums[0, 2] ** 2 / count
-        return np.maximum(spread - both**2 / np.maximum(squares, 1e-300), 0.0)
-
-    inner = slice(FEWEST - 1, size - FEWEST)
-    left, right = products[..., inner], (whole - products)[..., inner]
-    sizes = misfit(left) + misfit(right)
-    best = int(np.argmin(sizes))
-    slopes = [
-        (part[1, 2] - part[0, 1] * part[0, 2] / part[0, 0])
-        / (part[1, 1] - part[0, 1] ** 2 / part[0, 0])
-        for part in (left[..., best], right[..., best])
-    ]
-    floor = (1e-9 * np.ptp(values)) ** 2 * size
-    gain = size * np.log((misfit(whole)[0] + floor) / (sizes[best] + floor))
-    differ = abs(slopes[0] - slopes[1]) > CHANGED * max(map(abs, slopes))
-    return best + FEWEST if gain > BETTER * np.log(size) and differ else None
+def _segments(
+    times: np.ndarray, way: np.ndarray, given: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Some points, and ends of the straight parts that explain ``way`` best, all at once (dynamic programming, Jackson et al., IEEE Signal
+    Process. Lett. 12, 105 (2005)); their number has the least BIC, with a larger price, or is that of the given speeds."""
+    span = np.ptp(way) or 1.0
+    # as many points for each time as for each displacement
+    even = times / times[-1] + np.maximum.accumulate(way - way[0]) / span
+    sought = np.linspace(0, even[-1], SOUGHT)
+    kept = np.unique(np.minimum(np.searchsorted(even, sought), times.size - 1))
+    t, x = times[kept] / times[-1], (way[kept] - way[0]) / span
+    size = t.size
+    sums = np.zeros((6, size + 1))
+    np.cumsum([np.ones(size), t, x, t * t, t * x, x * x], axis=1, out=sums[:, 1:])
+    best = np.full((MOST + 1, size + 1), np.inf)
+    best[0, 0] = 0.0
+    origin = np.zeros(best.shape, dtype=int)
+    for j in range(FEWEST, size + 1):
+        n, st, sx, stt, stx, sxx = sums[:, j, None] - sums[:, : j - FEWEST + 1]
+        spread, both = sxx - sx * sx / n, stx - st * sx / n
+        left = np.maximum(spread - both**2 / (stt - st * st / n), 0.0)
+        total = best[:-1, : j - FEWEST + 1] + left
+        origin[1:, j] = total.argmin(axis=1)
+        best[1:, j] = total.min(axis=1)
+    squares = np.log(best[1:, -1] / size + EXACT**2)
+    price = BETTER * np.log(size) / size
+    number = 1 + int(np.argmin(squares + price * np.arange(MOST)))
+    ends, j = [size], size
+    for k in range(number if given is None else given.size, 0, -1):
+        j = int(origin[k, j])
+        ends.append(j)
+    inner = np.array(ends[-2:0:-1], dtype=int)
+    middle = (t[inner] + t[inner - 1]) / 2
+    return kept, times[-1] * np.concatenate([[0.0], middle, [1.0]])
 
 
 #: what a table must have, and a header for messages
@@ -146,9 +182,14 @@ EXAMPLE = "time (s), displacement (um), friction_coefficient"
 STEADY = 0.25
 
 
-def read_trace(source: Any, stiffness: float | None = None) -> Trace:
+def read_trace(
+    source: Any,
+    stiffness: float | None = None,
+    speeds: Sequence[float] | None = None,
+    changes: Sequence[float] | None = None,
+) -> Trace:
     """The trace in a table with columns of time, displacement of the load point and friction coefficient, with units in
-    their headings.
+    their headings. ``stiffness``, 1/µm, ``speeds``, µm/s, and ``changes``, s, are given where they are known.
 
     Raises
     ------
@@ -170,7 +211,8 @@ def read_trace(source: Any, stiffness: float | None = None) -> Trace:
         for name, unit in units.items()
     )
     name = source if isinstance(source, str) else getattr(source, "name", "trace")
-    loading = loading_of(times, way) if times.size else Loading(times, way)
+    _rising(str(name), times)
+    loading = loading_of(times, way, speeds, changes)
     return Trace(str(name), times, values, loading, stiffness)
 
 
