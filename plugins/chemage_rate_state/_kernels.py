@@ -8,20 +8,10 @@ import numpy as np
 
 from chemage.plugin import kernel
 
-#: logarithms of speeds over V₀ between which the slider is stable
-FASTEST, SLOWEST = 40.0, 700.0
+#: logarithms of speeds over V₀ between which a slider is stable, and steps for each time at most, on average
+SLOWEST, FASTEST, MOST = -700.0, 40.0, 50
 #: of a step, over the time in which the state changes: its size at most, for a change of order one
 LONGEST, ERROR = 1.5, 1e-7
-
-
-@kernel(nogil=True)
-def rates(
-    slip: bool, b: float, pull: float, ratio: float, x: float, y: float
-) -> tuple[float, float]:
-    """x' and y'; b and pull are over a."""
-    speed = math.exp(x)
-    evolved = -speed * (x + y) if slip else math.exp(-y) - speed
-    return pull * (ratio - speed) - b * evolved, evolved
 
 
 @kernel(nogil=True)
@@ -34,39 +24,38 @@ def states(
     times: np.ndarray,
 ) -> np.ndarray:
     """(m, 2) x and y at ``times`` (m,), where the load point moves at ``ratios`` (n,) from ``begins`` (n,) on; from 0 at
-    the first; by the classical Runge–Kutta method. NaN from where the slider is unstable."""
+    the first; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the slider is unstable."""
     found = np.full((times.size, 2), np.nan)
     x = y = 0.0
-    now, part = begins[0], 0
+    now, part, steps = begins[0], 0, MOST * (times.size + MOST)
     for i in range(times.size):
         while now < times[i]:
-            if part + 1 < begins.size and begins[part + 1] <= now:
-                part += 1
-                continue
             end = times[i]
             if part + 1 < begins.size:
                 end = min(end, begins[part + 1])
-            ratio, left = ratios[part], end - now
-            while left > 0:
-                if not -SLOWEST < x < FASTEST:
-                    return found
-                dx, dy = rates(slip, b, pull, ratio, x, y)
-                speed, ages = math.exp(x), math.exp(-y)
-                rate = speed * (pull + 1 + b)
-                rate += (1 + b) * (speed * abs(x + y) if slip else ages)
-                size = (abs(dx) + abs(dy)) / rate
-                h = min(LONGEST, (ERROR / (size + 1e-12)) ** 0.2) / rate
-                h = min(h, left)
-                dx2, dy2 = rates(
-                    slip, b, pull, ratio, x + h / 2 * dx, y + h / 2 * dy
-                )
-                dx3, dy3 = rates(
-                    slip, b, pull, ratio, x + h / 2 * dx2, y + h / 2 * dy2
-                )
-                dx4, dy4 = rates(slip, b, pull, ratio, x + h * dx3, y + h * dy3)
-                x += h / 6 * (dx + 2 * dx2 + 2 * dx3 + dx4)
-                y += h / 6 * (dy + 2 * dy2 + 2 * dy3 + dy4)
-                left -= h
-            now = end
+            speed, aged = math.exp(x), math.exp(-y)
+            # with which the state forgets
+            rate = (1 + b + pull) * speed
+            rate += (1 + b) * (speed * abs(x + y) if slip else aged)
+            dx = dy = all_x = all_y = h = 0.0
+            for place, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+                u, w = x + place * h * dx, y + place * h * dy
+                speed = math.exp(u)
+                dy = -speed * (u + w) if slip else math.exp(-w) - speed
+                dx = pull * (ratios[part] - speed) - b * dy
+                if not place:
+                    away = abs(dx) + abs(dy)
+                    h = (ERROR * (1 + rate / (away + 1e-9))) ** 0.2 / (rate + away)
+                    h = min(end - now, h, LONGEST / rate)
+                all_x += weight * dx
+                all_y += weight * dy
+            x += h / 6 * all_x
+            y += h / 6 * all_y
+            now = now + h if now + h < end else end
+            steps -= 1
+            if not (SLOWEST < x < FASTEST and steps):
+                return found
+            if part + 1 < begins.size and now == begins[part + 1]:
+                part += 1
         found[i, 0], found[i, 1] = x, y
     return found

@@ -1,4 +1,4 @@
-"""How fits of rate-and-state laws are shown: a column for each law, words, and a figure."""
+"""How fits of rate-and-state laws and slips of renewal are shown: tables, words, and a figure."""
 
 from __future__ import annotations
 
@@ -31,7 +31,26 @@ if TYPE_CHECKING:
 LEFT = 0.1
 
 
-class RateStateDisplay(Result):
+class _Shown(Result):
+    """A result with one plot, of a name that is that of another object."""
+
+    of: Any
+
+    @property
+    def name(self) -> str:
+        return self.of.name
+
+    def pictures(self) -> dict[str, Picture]:
+        """Its plot."""
+        panel = Panel(self.plotted, name="plot")
+        return {"plot": Picture((panel,), (5.6, 4.2))}
+
+    def plotted(self, axes: Axes, medium: Any = None) -> None:
+        """Draw it."""
+        raise NotImplementedError
+
+
+class RateStateDisplay(_Shown):
     """Laws fitted to one trace as users see them, and why others could not be."""
 
     errors = "95 % intervals, with the correlation of the noise"
@@ -40,40 +59,36 @@ class RateStateDisplay(Result):
     def __init__(
         self, fits: Sequence[RateStateFit], failed: dict[str, str]
     ) -> None:
-        self.fits, self.failed = fits, failed
-        self.trace = fits[0].trace
-
-    @property
-    def name(self) -> str:
-        return self.trace.name
+        self.fits, self.failed = sorted(fits, key=lambda one: one.misfit), failed
+        self.of = fits[0].trace
 
     @property
     def title(self) -> str:
         return f"Rate-and-state friction: {self.name}"
 
     def facts(self) -> list[tuple[str, str]]:
-        trace, loading = self.trace, self.trace.loading
+        best, loading = self.fits[0], self.of.loading
         speeds = ", ".join(f"{speed:.4g}" for speed in loading.speeds)
         changes = ", ".join(f"{time:.6g}" for time in loading.times[1:])
-        noise = min(fit.noise for fit in self.fits)
         rows = [
-            ("points", f"{trace.times.size}, noise {noise:.2g}"),
+            ("points", f"{self.of.times.size}, noise {best.noise:.2g}"),
             ("speeds of the load point", f"{speeds} µm/s, changed at {changes} s"),
         ]
         for fit in self.fits:
             rows.append((f"{fit.law} law", fit.words()))
-            rows += [("fits nearly as well", one.text()) for one in fit.rivals]
-        rows += [
-            (f"{law} law", f"not fitted: {why}") for law, why in self.failed.items()
-        ]
-        best, *others = sorted(self.fits, key=lambda one: one.misfit)
-        for other in others:
-            away = other.misfit - best.misfit
-            better = (
-                f"the {best.law} law fits better: its misfit is less by {away:.1f}"
-            )
-            near = f"the trace does not tell them apart: misfits differ by {away:.1f}, below {TOLD:g}"
-            rows.append(("laws", near if away < TOLD else better))
+            for (a, b, length, _), more in fit.rivals:
+                other = f"a = {a:.3g}, b = {b:.3g}, D_c = {length:.3g} µm"
+                rows.append(
+                    ("fits nearly as well", f"{other}: misfit {more:.1f} more")
+                )
+        for law, why in self.failed.items():
+            rows.append((f"{law} law", f"not fitted: {why}"))
+        for other in self.fits[1:]:
+            away = f"misfits differ by {other.misfit - best.misfit:.1f}"
+            told = other.misfit - best.misfit >= TOLD
+            better = f"the {best.law} law fits better: {away}"
+            near = f"the trace does not tell them apart: {away}, below {TOLD:g}"
+            rows.append(("laws", better if told else near))
         return rows
 
     def tables(self) -> list[Table]:
@@ -87,114 +102,85 @@ class RateStateDisplay(Result):
         return [Table("", ["", *laws], rows, "Parameters", in_detail=False)]
 
     def numbers(self) -> dict[str, Any]:
-        found = {}
+        laws = {}
         for fit in self.fits:
-            numbers: dict[str, Any] = {
-                "explains": fit.explains,
+            laws[fit.law] = {
                 "verdict": fit.words(),
+                "rivals": [
+                    one._asdict() | {"misfit": more} for one, more in fit.rivals
+                ],
             }
-            for name in ("noise", "misfit", "probability"):
-                numbers[name] = getattr(fit, name)
+            for name in ("explains", "noise", "misfit", "probability"):
+                laws[fit.law][name] = getattr(fit, name)
             for one in fit.quantities():
-                numbers[one.name] = one.todict()
-            rivals = [
-                one.parameters._asdict() | {"misfit": one.misfit}
-                for one in fit.rivals
-            ]
-            found[fit.law] = numbers | {"rivals": rivals}
-        loading = self.trace.loading
-        return {
-            "name": self.name,
-            "speeds": loading.speeds.tolist(),
-            "changes": loading.times[1:].tolist(),
-            "laws": found,
-            "not_fitted": self.failed,
-        }
+                laws[fit.law][one.name] = one.todict()
+        speeds, times = self.of.loading.speeds, self.of.loading.times
+        found = {"name": self.name, "laws": laws, "not_fitted": self.failed}
+        return found | {"speeds": speeds.tolist(), "changes": times[1:].tolist()}
 
     def columns(self) -> dict[str, Any]:
-        trace = self.trace
         return {
-            "time (s)": trace.times,
-            "displacement (um)": trace.way,
-            "friction_coefficient": trace.friction,
+            "time (s)": self.of.times,
+            "displacement (um)": self.of.way,
+            "friction_coefficient": self.of.friction,
             **{f"{fit.law}_law": fit.fitted for fit in self.fits},
         }
 
     def cite(self) -> tuple[list[str], str]:
         return [PAPERS[fit.law] for fit in self.fits], ""
 
-    def pictures(self) -> dict[str, Picture]:
+    def plotted(self, axes: Axes, medium: Any = None) -> None:
         """Friction against the displacement of the load point, with the laws."""
-        panel = Panel(self._drawn, name="trace")
-        return {"rate-state": Picture((panel,), (5.6, 4.2))}
-
-    def _drawn(self, axes: Axes, medium: Any = None) -> None:
-        trace, way = self.trace, self.trace.way
-        axes.plot(way, trace.friction, ".", ms=1.5, color="0.7", label="trace")
+        axes.plot(self.of.way, self.of.friction, ".", color="0.7", label="trace")
         for fit, style in zip(self.fits, ("-", "--"), strict=False):
-            axes.plot(way, fit.fitted, style, label=f"{fit.law} law")
-        axes.set(
-            xlabel="displacement of the load point (µm)",
-            ylabel="friction coefficient",
-        )
+            axes.plot(self.of.way, fit.fitted, style, label=f"{fit.law} law")
+        axes.set_xlabel("displacement of the load point (µm)")
+        axes.set_ylabel("friction coefficient")
         figures.legend(axes)
 
 
 @displays(Renewal)
-class RenewalDisplay(Result):
+class RenewalDisplay(_Shown):
     """How fast slip renews a contact, as users see it."""
 
     errors = "95 % intervals over pairs of surfaces (Student's t)"
 
     def __init__(self, renewal: Renewal) -> None:
-        self.renewal = renewal
-
-    @property
-    def name(self) -> str:
-        return self.renewal.name
+        self.of = renewal
 
     @property
     def title(self) -> str:
         return f"Renewal by slip: {self.name}"
 
     def facts(self) -> list[tuple[str, str]]:
-        slips = self.renewal.slips
+        slips = self.of.slips
         way = f"{slips[-1]:.4g} nm in steps of {slips[1]:.4g} nm"
-        return [
-            ("mean over", f"{len(self.renewal.unrenewed)} pairs"),
-            ("slip", way),
-        ]
+        return [("mean over", f"{len(self.of.unrenewed)} pairs"), ("slip", way)]
 
     def quantities(self) -> list[Quantity]:
-        return self.renewal.quantities()
+        return self.of.quantities()
 
     def curves(self) -> list[Curve]:
-        return self.renewal.curves()
+        return self.of.curves()
 
     def tables(self) -> list[Table]:
         return []
 
     def notes(self) -> list[str]:
-        if self.renewal.left < LEFT:
-            return []
-        share = text.percent(self.renewal.left)
-        return [
+        share = text.percent(self.of.left)
+        words = (
             f"{share} of the sites stay longer than this slip: give a larger one"
-        ]
+        )
+        return [words] if self.of.left >= LEFT else []
 
-    def pictures(self) -> dict[str, Picture]:
+    def plotted(self, axes: Axes, medium: Any = None) -> None:
         """Both shares against slip."""
-        return {
-            "renewal": Picture((Panel(self._drawn, name="renewal"),), (5.6, 4.2))
-        }
-
-    def _drawn(self, axes: Axes, medium: Any = None) -> None:
         # dashed, as both are equal where a surface slides on a flat one
         for curve, style in zip(self.curves(), ("-", "--"), strict=True):
-            axes.plot(curve.x, curve.mean, style, label=curve.label)
-            low, high = curve.mean - curve.half_width, curve.mean + curve.half_width
-            axes.fill_between(curve.x, low, high, alpha=0.2)
-        axes.set(xlabel="slip (nm)", ylabel="share", ylim=(0, 1.02), xlim=(0, None))
+            axes.errorbar(
+                curve.x, curve.mean, curve.half_width, fmt=style, label=curve.label
+            )
+        axes.set(xlabel="slip (nm)", ylabel="share", ylim=(0, 1.02))
         figures.legend(axes)
 
 
@@ -203,29 +189,21 @@ POWER = Quantity("power", "1", "power of D_c in 4A/C", rank=Rank.FIRST)
 RATIO = Quantity("ratio", "1", "D_c over 4A/C")
 
 
-class RenewalsDisplay(Result):
+class RenewalsDisplay(_Shown):
     """Slip lengths of the points of a sweep, against the mean chord of a patch."""
 
     errors = "95 % intervals: of points over pairs of surfaces, of the power over points (Student's t)"
 
     def __init__(self, points: Sequence[tuple[dict[str, Any], Renewal]]) -> None:
-        self.points = points
-        self._found = [renewal.quantities() for _, renewal in points]
-        self.lengths, self.chords, _ = np.transpose(
-            [[one.value for one in row] for row in self._found]
+        self.points, self.of = points, points[0][1]
+        self.found = [renewal.quantities()[:2] for _, renewal in points]
+        self.lengths, self.chords = np.transpose(
+            [[one.value for one in row] for row in self.found]
         )
-
-    @property
-    def name(self) -> str:
-        return self.points[0][1].name
 
     @property
     def title(self) -> str:
         return f"Renewal by slip: {self.name}"
-
-    def facts(self) -> list[tuple[str, str]]:
-        ends = f"{self.chords.min():.3g} to {self.chords.max():.3g} nm"
-        return [("points", f"{len(self.points)}, mean chords from {ends}")]
 
     def quantities(self) -> list[Quantity]:
         from scipy.stats import linregress
@@ -240,59 +218,37 @@ class RenewalsDisplay(Result):
 
     def tables(self) -> list[Table]:
         """A line for each point."""
-        fields = [path.rpartition(".")[2] for path in self.points[0][0]]
-        names = [*fields, *(one.title for one in self._found[0])]
+        columns = self.columns()
         rows = [
-            [*map(str, varied.values()), *(one.text() for one in row)]
-            for (varied, _), row in zip(self.points, self._found, strict=True)
+            tuple(one if isinstance(one, str) else f"{one:.4g}" for one in row)
+            for row in zip(*columns.values(), strict=True)
         ]
-        return [Table("", names, rows, "Slip lengths", in_detail=False)]
+        return [Table("", list(columns), rows, "Slip lengths", in_detail=False)]
 
     def columns(self) -> dict[str, Any]:
-        varied = [
-            [str(value) for value in point.values()] for point, _ in self.points
-        ]
-        columns: dict[str, Any] = dict(
-            zip(self.points[0][0], zip(*varied, strict=True), strict=True)
-        )
-        for row in zip(*self._found, strict=True):
-            for part in ("value", "low", "high"):
-                name = row[0].name if part == "value" else f"{row[0].name}_{part}"
-                columns[f"{name} (nm)"] = np.array(
-                    [getattr(one, part) for one in row]
-                )
+        columns: dict[str, Any] = {}
+        for path in self.points[0][0]:
+            columns[path] = [str(varied[path]) for varied, _ in self.points]
+        for row in zip(*self.found, strict=True):
+            for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
+                values = [getattr(one, part) for one in row]
+                columns[f"{row[0].name}{end} (nm)"] = np.array(values)
         return columns
 
     def numbers(self) -> dict[str, Any]:
         return super().numbers() | {"points": self.columns()}
 
     def notes(self) -> list[str]:
-        return list(
-            dict.fromkeys(
-                note
-                for _, one in self.points
-                for note in RenewalDisplay(one).notes()
-            )
-        )
+        notes = [
+            note for _, one in self.points for note in RenewalDisplay(one).notes()
+        ]
+        return list(dict.fromkeys(notes))
 
-    def pictures(self) -> dict[str, Picture]:
+    def plotted(self, axes: Axes, medium: Any = None) -> None:
         """Slip length against mean chord."""
-        return {
-            "renewals": Picture((Panel(self._drawn, name="renewals"),), (5.6, 4.2))
-        }
-
-    def _drawn(self, axes: Axes, medium: Any = None) -> None:
-        half = [row[0].half_width for row in self._found]
-        axes.errorbar(
-            self.chords, self.lengths, half, fmt="o", ms=4, label="points"
-        )
-        ends = np.array([self.chords.min(), self.chords.max()])
-        ratio = float(np.exp(np.log(self.lengths / self.chords).mean()))
-        axes.plot(ends, ratio * ends, "--", label=f"{ratio:.2f} · 4A/C")
-        axes.set(
-            xlabel="mean chord of a patch 4A/C (nm)",
-            ylabel="slip length D_c (nm)",
-            xscale="log",
-            yscale="log",
-        )
-        figures.legend(axes, loc="upper left")
+        half = [row[0].half_width for row in self.found]
+        axes.errorbar(self.chords, self.lengths, half, fmt="o", label="points")
+        axes.set_xlabel("mean chord of a patch 4A/C (nm)")
+        axes.set_ylabel("slip length D_c (nm)")
+        axes.loglog()
+        figures.legend(axes)

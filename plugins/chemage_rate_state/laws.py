@@ -39,9 +39,9 @@ class Loading(NamedTuple):
 
     def displacement(self, times: np.ndarray) -> np.ndarray:
         """(m,) µm of the load point since its first time."""
-        ways = np.append(0.0, np.cumsum(np.diff(self.times) * self.speeds[:-1]))
-        at = np.maximum(np.searchsorted(self.times, times, "right") - 1, 0)
-        return ways[at] + self.speeds[at] * (times - self.times[at])
+        spans = np.append(np.diff(self.times), np.inf)
+        passed = np.clip(times[:, None] - self.times, 0.0, spans)
+        return passed @ self.speeds
 
 
 def change(

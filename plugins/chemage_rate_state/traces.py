@@ -100,10 +100,9 @@ def loading_of(
         )
     parts = ends.size - 1
     if not (np.diff(ends) > 0).all() or (given is not None and given.size != parts):
-        known = "" if given is None else f" {given.size} speeds,"
         raise InputError(
-            f"{known} changes at {(ends[1:-1] + times[0]).tolist()} s: they must rise between {times[0]:g} and {times[-1]:g} s, one "
-            'less than the speeds; give both: --speeds "1 um/s, 10 um/s" --changes "50 s"'
+            f"changes: {(ends[1:-1] + times[0]).tolist()} s: they must rise from {times[0]:g} to {times[-1]:g} s, one less "
+            'than the speeds; give both: --speeds "1 um/s, 10 um/s" --changes "50 s"'
         )
     found, _ = _lines(passed, displacement, ends, given)
     return Loading(times[0] + ends[:-1], found)
@@ -118,7 +117,7 @@ def _lines(
         inside = (times >= low) & (times <= high)
         if np.count_nonzero(inside) < 2:
             raise InputError(
-                f"displacement: fewer than 2 points between {low:g} and {high:g} s after the first; give --speeds and --changes"
+                f"displacement: fewer than 2 points between {low:g} and {high:g} s after the first; give --changes"
             )
         own, at = (
             way[inside] - way[inside].mean(),
@@ -142,8 +141,9 @@ def _lines(
 def _segments(
     times: np.ndarray, way: np.ndarray, given: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Some points, and ends of the straight parts that explain ``way`` best, all at once (dynamic programming, Jackson et al., IEEE Signal
-    Process. Lett. 12, 105 (2005)); their number has the least BIC, with a larger price, or is that of the given speeds."""
+    """Some points, and ends of the straight parts that explain ``way`` best, by dynamic programming (Jackson
+    et al., IEEE Signal Process. Lett. 12, 105 (2005)); their number has the least BIC, with a larger price, or is that of
+    the given speeds."""
     span = np.ptp(way) or 1.0
     # as many points for each time as for each displacement
     even = times / times[-1] + np.maximum.accumulate(way - way[0]) / span
@@ -197,15 +197,14 @@ def read_trace(
         A column is missing, a cell holds no number, or no speed changes.
     """
     table = read_columns(source, COLUMNS, EXAMPLE)
-    friction = next(
-        (one for one in COLUMNS[2:] if one in table.columns), "friction"
-    )
-    for name in (*COLUMNS[:2], friction):
+    units = {"hold_time": "s", "displacement": "um", COLUMNS[2]: ""}
+    if COLUMNS[3] in table.columns:
+        units[COLUMNS[3]] = units.pop(COLUMNS[2])
+    for name in units:
         if name not in table.columns:
             raise InputError(
                 f"{table.where}: no column {name}; a trace has columns such as {EXAMPLE}"
             )
-    units = {"hold_time": "s", "displacement": "um", friction: ""}
     times, way, values = (
         np.array([table.number(row, name, unit) for row in table.rows])
         for name, unit in units.items()
@@ -225,13 +224,14 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
         ``run`` has no slider, conditions change beside its speed, or in a ramp, its first slide does not become steady,
         or too few bonds form.
     """
-    aging, seen = run.aging, {} if run.aging is None else run.aging.observables
-    if aging is None or not {"step_speed", "step_points"} <= set(seen):
+    seen = getattr(run.aging, "observables", {})
+    if "step_speed" not in seen:
         raise InputError(
             f"{run.name}: no programme of slides; give [protocol] or [[step]] with speeds"
         )
-    speeds, points = 1e-3 * seen["step_speed"][0], seen["step_points"][0]
-    loads = seen["step_load"][0]
+    speeds, points, loads = (
+        seen[name][0] for name in ("step_speed", "step_points", "step_load")
+    )
     for name, values in (("load", loads), ("temperature", seen["temperature"][0])):
         if np.ptp(values) > 0:
             raise InputError(
@@ -239,8 +239,10 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
             )
     for number, step in enumerate(run.scene.get("step", ())):
         for name in ("speed", "load", "spring"):
-            ramp = isinstance(step.get(name), Mapping)
-            if ramp or (name == "spring" and name in step):
+            if isinstance(step.get(name), Mapping) or (name, name in step) == (
+                "spring",
+                True,
+            ):
                 raise InputError(
                     f"{run.name}: step.{number}.{name}: a trace has constant speeds and one spring, that of [drive]; "
                     "write ramps as steps"
@@ -256,21 +258,19 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
                 f"{run.name}: {one.label} {one.reason}: no a, b, D_c is taken from it; slide further, or give more "
                 "replicas"
             )
-    number = np.repeat(np.arange(points.size), points)
-    slides = np.flatnonzero(speeds > 0)
-    times = aging.hold_times
-    starts = times[np.unique(number, return_index=True)[1]]
-    if not slides.size:
+    if not speeds.any():
         raise InputError(f"{run.name}: no step has a speed")
-    first = int(slides[0])
-    own = times[number == first]
-    kept = (times >= own[-1] - STEADY * (own[-1] - own[0])) & (number >= first)
+    first, times = int(np.argmax(speeds > 0)), run.aging.hold_times
+    number = np.repeat(np.arange(points.size), points)
+    starts = times[np.unique(number, return_index=True)[1]]
+    end = times[number == first][-1]
     # the first point of a step is the last of the one before
+    kept = (times >= end - STEADY * (end - starts[first])) & (number >= first)
     kept &= np.append(True, np.diff(times) > 0)
-    begin = times[kept][0]
-    loading = Loading(np.append(begin, starts[first + 1 :]), speeds[first:])
+    begins = np.append(times[kept][0], starts[first + 1 :])
+    loading = Loading(begins, 1e-3 * speeds[first:])
     spring = run.scene.get("drive", {}).get("spring")
-    friction = aging.friction_drop.mean(axis=0)[kept] / loads[0]
+    friction = run.aging.friction_drop.mean(axis=0)[kept] / loads[0]
     if stiffness is None and isinstance(spring, int | float):
         stiffness = 1e3 * float(spring) / loads[0]
     return Trace(run.name, times[kept], friction, loading, stiffness)

@@ -23,14 +23,14 @@ from typing import Any
 
 import numpy as np
 
-LAWS = ("ageing", "slip")
+LAWS: tuple[Any, ...] = ("ageing", "slip")
 
 
 @dataclass(frozen=True)
 class Case:
     """The truth of a trace, in µm and s."""
 
-    law: str
+    law: Any
     a: float
     b: float
     slip_length: float
@@ -207,7 +207,8 @@ def coverage(cases: int, seed: int, first: int) -> None:
                 inside = [found[name].low <= getattr(case, name) <= found[name].high for name in names]
                 for name, one in zip(names, inside, strict=True):
                     true, own = getattr(case, name), found[name]
-                    line += f" {name} {own.value / true:.3f} [{own.low / true:.3f}, {own.high / true:.3f}]{'' if one else '!'}"
+                    line += f" {name} {own.value / true:.3f} [{own.low / true:.3f}, {own.high / true:.3f}]"
+                    line += "" if one else "!"
                 refused += not fit.explains
                 line += f" {fit.words()[:30]}" + ("" if right else f" SPEEDS {loading.speeds} of {case.speeds}")
             except ValueError as error:
