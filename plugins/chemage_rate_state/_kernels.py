@@ -8,8 +8,8 @@ import numpy as np
 
 from chemage.plugin import kernel
 
-#: logarithms of speeds over V₀ between which a slider is stable, and steps for each time at most, on average
-SLOWEST, FASTEST, MOST = -700.0, 40.0, 50
+#: logarithms of speeds over V₀ between which a slider is stable
+SLOWEST, FASTEST = -700.0, 40.0
 #: of a step, over the time in which the state changes: its size at most, for a change of order one
 LONGEST, ERROR = 1.5, 1e-7
 
@@ -22,12 +22,14 @@ def states(
     begins: np.ndarray,
     ratios: np.ndarray,
     times: np.ndarray,
+    steps: int,
 ) -> np.ndarray:
     """(m, 2) x and y at ``times`` (m,), where the load point moves at ``ratios`` (n,) from ``begins`` (n,) on; from 0 at
-    the first; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the slider is unstable."""
+    the first; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the slider is unstable, or after so many
+    ``steps``, if there are any."""
     found = np.full((times.size, 2), np.nan)
     x = y = 0.0
-    now, part, steps = begins[0], 0, MOST * (times.size + MOST)
+    now, part = begins[0], 0
     for i in range(times.size):
         while now < times[i]:
             end = times[i]

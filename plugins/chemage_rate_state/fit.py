@@ -26,10 +26,10 @@ BOUNDS = ((-0.9, 0.99), (0.0, 1.0), (-0.95, 0.95))
 #: difference of misfits, twice the logarithm of the ratio of likelihoods, from which fits are told apart, and from which
 #: a minimum is left; difference of logarithms below which two are one
 TOLD, NEAR, SAME = 6.0, 50.0, 0.05
-#: friction where the slider is unstable
-UNSTABLE = 1e3
-#: halves of the time after each change, the last of them left out, in which what is left is tested
-HALVES = 6
+#: friction where the slider is unstable, and steps of the integration for each point at most, on average
+UNSTABLE, MOST = 1e3, 50
+#: how often the time after each change is halved to test what is left
+HALVES = 7
 #: probability by chance below which a law does not explain a trace, and error of a logarithm above which it is not judged
 UNLIKELY, UNTOLD = 0.01, 0.5
 
@@ -69,12 +69,14 @@ class RateStateFit:
                 found.append(one.but(value=value, reason="given"))
                 continue
             error = errors[len(found)]
-            ends = value * np.exp([-limit * error, limit * error])
+            ratio = np.exp(limit * error)
             found.append(
-                one.but(value=value, stated="ends").within(*ends, value * error)
+                one.but(value=value, stated="ends").within(
+                    value / ratio, value * ratio, value * error
+                )
             )
         slopes = np.array(self.parameters[:2]) * (1, -1)
-        error = np.sqrt(slopes @ self.covariance[:2, :2] @ slopes)
+        error = float(np.sqrt(slopes @ self.covariance[:2, :2] @ slopes))
         return [*found, BOTH.but(value=slopes.sum()).between(limit * error, error)]
 
     @property
@@ -191,10 +193,14 @@ class _Misfit:
         free = np.exp(np.clip(logs, -50, 50)).tolist()
         return Parameters(*free, *([] if given is None else [given]))
 
+    def model(self, one: Parameters) -> np.ndarray:
+        """(m,) change of friction."""
+        steps = MOST * (self.times.size + MOST)
+        return change(self.law, one, self.trace.loading, self.times, steps)
+
     def left(self, logs: np.ndarray) -> np.ndarray:
         """(n,) what no constant and no trend explain either, as multiples of independent noise."""
-        one = self.parameters(logs)
-        model = change(self.law, one, self.trace.loading, self.times)
+        model = self.model(self.parameters(logs))
         away = self.friction - np.nan_to_num(model, nan=UNSTABLE)
         rest = _whitened(away[:, None], self.memory)[:, 0]
         return rest - self.base @ (self.base.T @ rest)
@@ -205,8 +211,9 @@ class _Misfit:
 
         how: Any = {
             "x_scale": "jac",
-            "diff_step": 1e-4,
+            "diff_step": 1e-5,
             "ftol": 1e-6,
+            "xtol": 1e-10,
             "max_nfev": 60,
         }
         return least_squares(self.left, start, "3-point", **how)
@@ -222,7 +229,7 @@ class _Misfit:
             for ratio, above in product(RATIOS, ABOVE):
                 pull = max(ratio - 1.0, 0.0) + above
                 one = Parameters(1.0, ratio, length, pull / length)
-                shape = change(self.law, one, loading, self.times)
+                shape = self.model(one)
                 if not np.isfinite(shape[-1]):
                     continue
                 if given is None:
@@ -238,13 +245,15 @@ class _Misfit:
         return found
 
     def parts(self) -> np.ndarray:
-        """(m, parts) 1 for points of the first half of the time after a change of speed, of the first quarter, ..."""
+        """(m, parts) functions of the time after each change of speed, linear between its end, its half, its quarter, ..."""
         begins = np.append(self.trace.loading.times, self.times[-1] + 1e-9)
         part = np.searchsorted(begins, self.times, "right") - 1
         share = (self.times - begins[part]) / (begins[part + 1] - begins[part])
-        half = np.clip(-np.log2(np.maximum(share, 1e-9)), 0, HALVES).astype(int)
-        place = np.where((part > 0) & (half > 0), part * (HALVES + 1) + half, 0)
-        return (place[:, None] == np.unique(place)[1:]).astype(float)
+        half = np.clip(-np.log2(np.maximum(share, 1e-9)), 0, HALVES)[:, None]
+        near = np.maximum(0.0, 1.0 - np.abs(half - np.arange(1, HALVES + 1)))
+        found = [near * (part == k)[:, None] for k in range(1, begins.size - 1)]
+        every = np.concatenate(found, axis=1)
+        return every[:, np.count_nonzero(every, axis=0) > 1]
 
     def memory_at(self, end: Any) -> Sequence[float]:
         """Of the noise, where its restricted likelihood is largest; of white noise."""
@@ -259,7 +268,7 @@ class _Misfit:
         def cost(memory: Any) -> float:
             white = _whitened(every, memory)
             squares = white.T @ white
-            squares += 1e-12 * np.diag(np.diag(squares))
+            squares += np.diag(1e-12 * np.diag(squares))
             sizes = 2 * np.log(np.diag(np.linalg.cholesky(squares)))
             return (len(white) - sizes.size + 1) * sizes[-1] + sizes[:-1].sum()
 

@@ -45,18 +45,19 @@ class Loading(NamedTuple):
 
 
 def change(
-    law: Law, parameters: Parameters, loading: Loading, times: np.ndarray
+    law: Law, one: Parameters, loading: Loading, times: np.ndarray, steps: int = -1
 ) -> np.ndarray:
-    """(m,) μ − μ₀ at ``times`` (m,), s, rising; NaN from where the slider is unstable.
+    """(m,) μ − μ₀ at ``times`` (m,), s, rising; NaN from where the slider is unstable, or after so many
+    ``steps`` of integration, if they are bounded.
 
     With x = ln(V/V₀), y = ln(V₀θ/D_c) and the time in D_c/V₀ all is of order one: y' = exp(−y) − exp(x) or −exp(x)(x +
     y), and a x' = K D_c (V_load/V₀ − exp(x)) − b y'.
     """
     from chemage_rate_state._kernels import states
 
-    a, b, length, stiffness = parameters
+    a, b, length, stiffness = one
     unit, first = loading.speeds[0] / length, loading.times[0]
     pull, ratios = stiffness * length / a, loading.speeds / loading.speeds[0]
     begins, passed = unit * (loading.times - first), unit * (times - first)
-    found = states(law == "slip", b / a, pull, begins, ratios, passed)
+    found = states(law == "slip", b / a, pull, begins, ratios, passed, steps)
     return a * found[:, 0] + b * found[:, 1]

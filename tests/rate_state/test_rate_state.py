@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib.resources
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from rate_state import Case, drawn, solved, table_of
 
 import chemage as ca
 from chemage import InputError
-from chemage_rate_state import laws
 from chemage_rate_state.fit import fit_rate_state
 from chemage_rate_state.laws import LAWS, Loading, Parameters, change
 from chemage_rate_state.traces import Trace, loading_of, read_trace
@@ -30,7 +31,7 @@ def synthetic(law, seed=1, stiffness=5e-3, size=2e-4):
 def test_with_a_rigid_machine_the_ageing_law_evolves_exponentially():
     """Constant V after the step: θ = D_c/V + (D_c/V₀ − D_c/V) exp(−Vt/D_c)."""
     times = np.linspace(5.1, 20, 40)
-    found = change("ageing", Parameters(A, B, LENGTH, 1e4), STEP, times)
+    found = change("ageing", Parameters(A, B, LENGTH, 100.0), STEP, times)
     state = (1 + 9 * np.exp(-10 * (times - 5) / LENGTH)) / 10
     assert found == pytest.approx(A * np.log(10) + B * np.log(state), abs=2e-6)
 
@@ -38,7 +39,7 @@ def test_with_a_rigid_machine_the_ageing_law_evolves_exponentially():
 def test_with_a_rigid_machine_the_slip_law_forgets_a_step_exponentially():
     """ln(Vθ/D_c) = ln(V/V₀) exp(−Vt/D_c)."""
     times = np.linspace(5.1, 20, 40)
-    found = change("slip", Parameters(A, B, LENGTH, 1e4), STEP, times)
+    found = change("slip", Parameters(A, B, LENGTH, 100.0), STEP, times)
     kept = np.log(10) * np.exp(-10 * (times - 5) / LENGTH)
     assert found == pytest.approx((A - B) * np.log(10) + B * kept, abs=2e-6)
 
@@ -110,15 +111,21 @@ def test_speeds_are_found_in_a_noisy_displacement():
 
 
 def test_a_basalt_step_agrees_with_an_independent_fit():
-    """Least squares of scipy's curve_fit with the forward model of rsfmodel (MIT), at the speeds found here."""
+    """Least squares of scipy's curve_fit with the forward model of rsfmodel (MIT), at these changes."""
     independent = {"ageing": (8.852e-3, 9.284e-3, 6.874, 1.0829e-2), "slip": (9.216e-3, 9.680e-3, 9.284, 1.0125e-2)}
-    trace = read_trace(BASALT)
-    assert trace.loading.speeds[[0, -1]] == pytest.approx([3, 10], rel=0.01)
+    found = read_trace(BASALT).loading
+    assert found.speeds[[0, -1]] == pytest.approx([3, 10], rel=0.01)
+    assert found.times[1] == pytest.approx(11676.4, abs=0.05)
+    trace = read_trace(BASALT, None, [3.015, 10.19, 10.0], [11676.443, 11693.343])
     for law in LAWS:
         fit = fit_rate_state(trace, law)
         numbers = {one.name: one for one in fit.quantities()}
         for name, value in zip(Parameters._fields, independent[law], strict=True):
-            assert abs(numbers[name].value - value) < 0.5 * (numbers[name].high - numbers[name].low) / 2
+            one = numbers[name]
+            if name == "stiffness":  # depends on trends, of which there is one more here
+                assert one.low < value < one.high
+            else:
+                assert abs(one.value - value) < 0.5 * one.half_width
         assert not fit.explains
 
 
@@ -150,10 +157,21 @@ def test_a_trace_that_tells_nothing_is_refused():
         loading_of(times, np.where(times < 20, times, 40 - times))
 
 
-def test_an_unstable_slider_is_an_error_not_a_number():
-    with pytest.raises(FloatingPointError):
-        change("slip", Parameters(A, 3 * B, LENGTH, 1e-6), STEP, np.linspace(5, 5000, 10))
-    assert laws.RELATIVE < 1e-6
+def test_an_unstable_slider_is_not_a_number():
+    found = change("slip", Parameters(A, 3 * B, LENGTH, 1e-6), STEP, np.linspace(5, 5000, 10))
+    assert found[0] == 0
+    assert np.isnan(found[-1])
+
+
+@pytest.mark.parametrize("number", [0, 3, 8, 15, 18, 38])
+def test_an_independent_integration_agrees(number):
+    """The equations for μ and θ, by LSODA, with other steps."""
+    case = drawn(number, 1)
+    times = case.interval * np.arange(1, int(sum(case.spans) / case.interval) + 1)
+    loading = Loading(np.append(0.0, case.changes), np.array(case.speeds))
+    truth = Parameters(case.a, case.b, case.slip_length, case.stiffness)
+    found, expected = change(case.law, truth, loading, times), solved(case, times)
+    assert found == pytest.approx(expected, abs=1e-6 * np.ptp(expected))
 
 
 def test_a_simulated_programme_is_a_trace():
@@ -189,6 +207,88 @@ def test_a_simulated_programme_is_a_trace():
         ca.trace_of(ca.run(scene | {"hold": {"times": [1.0]}}))
 
 
+#: µm, s: steps and holds of a load point, with a uniform clock
+PROGRAMMES = {
+    "1-3-1": Case("ageing", 0.008, 0.01, 5.0, 2e-3, (1, 3, 1), (60, 30, 60), 0.1),
+    "1-0-1": Case("ageing", 0.008, 0.01, 5.0, 2e-3, (1, 0, 1), (60, 60, 60), 0.1),
+    "1-0-1-0-1": Case("slip", 0.008, 0.01, 5.0, 2e-3, (1, 0, 1, 0, 1), (60, 30, 60, 100, 60), 0.1),
+    "1-10-1-10": Case("slip", 0.008, 0.01, 5.0, 2e-3, (1, 10, 1, 10), (60, 6, 60, 6), 0.05),
+    "near k_c": Case("ageing", 0.008, 0.01, 5.0, 1.1 * 4e-4, (1, 3, 1), (100, 40, 100), 0.2),
+    "slip near k_c": Case("slip", 0.008, 0.012, 5.0, 1.3 * 8e-4, (1, 2, 1), (100, 50, 100), 0.2),
+}
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-4])
+@pytest.mark.parametrize("programme", PROGRAMMES)
+def test_a_table_gives_the_speeds_and_the_parameters(command, tmp_path, programme, jitter):
+    case = replace(PROGRAMMES[programme], size=2e-4, jitter=jitter, seed=4)
+    path = table_of(case, tmp_path / "trace.csv")
+    found = json.loads(command("rate-state", str(path), "--law", case.law, "--json").out)
+    assert found["speeds"] == pytest.approx(case.speeds, rel=0.01, abs=1e-3)
+    assert found["changes"] == pytest.approx(case.changes, abs=0.5 * case.interval)
+    law = found["laws"][case.law]
+    for name in ("a", "b", "slip_length", "stiffness"):
+        # twice the half width of a 95 % interval: four standard errors
+        ratio = law[f"{name}_high"] / law[f"{name}_low"]
+        assert 1 / ratio < law[name] / getattr(case, name) < ratio
+        assert ratio < 2
+    assert law["explains"]
+
+
+def test_speeds_of_a_hundred_noisy_slide_hold_slides_are_right():
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        spans = rng.uniform([20, 10, 20], [100, 1000, 100])
+        loading = Loading(np.append(0.0, np.cumsum(spans)[:2]), np.array([1.0, 0.0, 1.0]))
+        times = np.arange(0.1, spans.sum(), 0.2)
+        way = loading.displacement(times)
+        found = loading_of(times, way + 1e-4 * way[-1] * rng.standard_normal(times.size))
+        assert found.speeds == pytest.approx(loading.speeds, abs=0.01)
+        assert found.times[1:] == pytest.approx(loading.times[1:], abs=0.5)
+
+
+def test_known_speeds_and_changes_are_used(command, tmp_path):
+    case = replace(PROGRAMMES["1-3-1"], size=2e-4)
+    path = str(table_of(case, tmp_path / "trace.csv"))
+    known = "--speeds", "1 um/s, 3 um/s, 0.001 mm/s"
+    found = json.loads(command("rate-state", path, "--law", "ageing", *known, "--json").out)
+    assert found["speeds"] == [1, 3, 1]
+    assert found["changes"] == pytest.approx([60, 90], abs=0.01)
+    found = json.loads(command("rate-state", path, "--law", "ageing", "--changes", "61 s, 1.5 min", "--json").out)
+    assert found["changes"] == [61, 90]
+    assert found["speeds"] == pytest.approx([1, 3, 1], rel=0.05)
+    for wrong in (("--changes", "61 s, 1 s"), (*known, "--changes", "61 s"), ("--changes", "500 s")):
+        done = command("rate-state", path, *wrong)
+        assert done.status == 2
+        assert "they must rise from 0.1 to 150 s" in done.err
+
+
+def test_a_minimum_that_is_nearly_as_good_is_named(command, tmp_path):
+    """A stiff spring is told by few points."""
+    case = Case("ageing", 0.004, 0.005, 5.0, 5e-3, (1, 1.5, 1), (40, 40, 40), 0.5, size=4e-4, seed=3)
+    path = table_of(case, tmp_path / "trace.csv")
+    found = json.loads(command("rate-state", str(path), "--json").out)["laws"]
+    rivals = [one for law in found.values() for one in law["rivals"]]
+    assert rivals
+    assert all(0 <= one["misfit"] < 6 for one in rivals)
+    assert "fits nearly as well" in command("rate-state", str(path)).out
+
+
+def test_a_law_that_cannot_be_fitted_leaves_the_other(command, tmp_path, monkeypatch):
+    from chemage_rate_state import fit
+
+    path = str(table_of(replace(PROGRAMMES["1-3-1"], size=2e-4), tmp_path / "trace.csv"))
+    starts = fit._Misfit.starts
+    monkeypatch.setattr(fit._Misfit, "starts", lambda self: [] if self.law == "slip" else starts(self))
+    found = json.loads(command("rate-state", path, "--json").out)
+    assert set(found["laws"]) == {"ageing"}
+    assert "unstable from every start" in found["not_fitted"]["slip"]
+    assert "not fitted: the slip law is unstable" in command("rate-state", path).out
+    done = command("rate-state", path, "--law", "slip")
+    assert done.status == 2
+    assert "unstable from every start" in done.err
+
+
 def test_the_command_prints_both_laws(tmp_path, command):
     trace, _ = synthetic("slip")
     path = tmp_path / "trace.csv"
@@ -202,4 +302,6 @@ def test_the_command_prints_both_laws(tmp_path, command):
     text = command("rate-state", str(path), "--law", "slip", "--stiffness", "0.005 um**-1").out
     assert "explains the trace" in text
     assert "(given)" in text
+    command("rate-state", str(path), "--law", "slip", "--out", str(tmp_path / "fit.png"))
+    assert (tmp_path / "fit.png").stat().st_size > 1000
     assert command("rate-state", str(path), "--csv").out.startswith("time (s),displacement (um),friction")
