@@ -25,8 +25,8 @@ def states(
     steps: int,
 ) -> np.ndarray:
     """(m, 2) x and y at ``times`` (m,), where the load point moves at ``ratios`` (n,) from ``begins`` (n,) on; from 0 at
-    the first; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the slider is unstable, or after so many
-    ``steps``, if there are any."""
+    the first; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the slider is unstable, or
+    after so many ``steps``, unless they are negative."""
     found = np.full((times.size, 2), np.nan)
     x = y = 0.0
     now, part = begins[0], 0

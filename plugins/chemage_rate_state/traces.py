@@ -17,7 +17,7 @@ from chemage_rate_state.laws import Loading
 #: does where its speed is within three standard errors
 CHANGED, RESTS = 0.01, 1e-5
 #: points in which changes of speed are sought, parts at most, and points of a part at least
-SOUGHT, MOST, FEWEST = 1000, 30, 3
+SOUGHT, MOST, FEWEST = 1000, 40, 3
 #: by how much the logarithm of the mean square must fall with a change of speed, over ln(points)/points, and the error of
 #: a displacement over its range that is not told from none
 BETTER, EXACT = 12.0, 1e-6
@@ -153,7 +153,8 @@ def _segments(
     size = t.size
     sums = np.zeros((6, size + 1))
     np.cumsum([np.ones(size), t, x, t * t, t * x, x * x], axis=1, out=sums[:, 1:])
-    best = np.full((MOST + 1, size + 1), np.inf)
+    most = MOST if given is None else given.size
+    best = np.full((most + 1, size + 1), np.inf)
     best[0, 0] = 0.0
     origin = np.zeros(best.shape, dtype=int)
     for j in range(FEWEST, size + 1):
@@ -165,9 +166,10 @@ def _segments(
         best[1:, j] = total.min(axis=1)
     squares = np.log(best[1:, -1] / size + EXACT**2)
     price = BETTER * np.log(size) / size
-    number = 1 + int(np.argmin(squares + price * np.arange(MOST)))
+    if given is None:
+        most = 1 + int(np.argmin(squares + price * np.arange(most)))
     ends, j = [size], size
-    for k in range(number if given is None else given.size, 0, -1):
+    for k in range(most, 0, -1):
         j = int(origin[k, j])
         ends.append(j)
     inner = np.array(ends[-2:0:-1], dtype=int)
@@ -239,10 +241,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
             )
     for number, step in enumerate(run.scene.get("step", ())):
         for name in ("speed", "load", "spring"):
-            if isinstance(step.get(name), Mapping) or (name, name in step) == (
-                "spring",
-                True,
-            ):
+            if isinstance(step.get(name), Mapping) or name == "spring" in step:
                 raise InputError(
                     f"{run.name}: step.{number}.{name}: a trace has constant speeds and one spring, that of [drive]; "
                     "write ramps as steps"
