@@ -18,7 +18,7 @@ from chemage_rate_state.traces import Trace
 LENGTHS = (2e-3, 6e-3, 0.02, 0.06, 0.2)
 RATIOS, ABOVE = (0.5, 0.9, 1.2, 1.6, 2.5), (0.05, 0.3, 2.0, 15.0)
 #: points from which starts are fitted, and of a trace at most
-SOME, POINTS = 400, 4000
+SOME, POINTS = 400, 6000
 #: memory of noise, ARFIMA(1, d, 1), that is tried first, and its bounds
 WHITE = (0.0, 0.0, 0.0)
 MEMORIES = (WHITE, (0.7, 0.0, 0.0), (0.0, 0.5, 0.0), (0.9, 0.0, -0.6))
