@@ -226,10 +226,11 @@ class Quantity(Declared):
 
     def todict(self) -> dict[str, Any]:
         """For JSON: value, unit and the ends of its interval, nan where they are not known; ``level`` where that is
-        no interval of 95 %."""
+        no interval of 95 %, and ``reason``, what else is to be said of the value."""
         number = {
             name: getattr(self, name) for name in ("value", "unit", "low", "high")
         }
+        number |= {"reason": self.reason} if self.reason else {}
         return number | ({"level": self.level} if self.level != 95 else {})
 
     def columns(self) -> list[tuple[str, str, str]]:

@@ -426,7 +426,7 @@ def test_an_ensemble_is_regressed_on_the_area_of_sketches(scene, made):
     maker = scene.surface.sketch()
     assert maker is not None
     solved = scene.contact.solve(maker.make(surface), scene.load)
-    assert sketches[4, 0] == pytest.approx(solved.area_fraction, rel=1e-9)
+    assert sketches[4, 0] == pytest.approx(solved.quantity("area_fraction").value, rel=1e-9)
     assert np.corrcoef(first[:, 0], sketches[: len(first), 0])[0, 1] > 0.8
     assert made.estimate("beta").relative <= 0.03
 
