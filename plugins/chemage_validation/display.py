@@ -49,7 +49,6 @@ def _record(one: ValidatedRow) -> dict[str, Any]:
         "calibrated_on": " ".join(row.used),
         "accepted_low": row.limits.low if one.test else math.nan,
         "accepted_high": row.limits.high if one.test else math.nan,
-        **one.prediction.numbers(),
         "power": one.test.power if one.test else {},
         "refused_from": one.refused,
         "verdict": one.verdict,
@@ -128,13 +127,14 @@ class ValidationDisplay(Result):
         rows = self.validation.rows
         return {
             "rows": [
-                _record(one) | {"prediction": one.prediction.todict()}
+                _record(one) | {one.prediction.name: one.prediction.todict()}
                 for one in rows
             ]
         }
 
     def columns(self) -> dict[str, Any]:
-        records = [*map(_record, self.validation.rows)]
+        rows = self.validation.rows
+        records = [one.prediction.numbers() | _record(one) for one in rows]
         return {name: [one[name] for one in records] for name in records[0]}
 
     def cite(self) -> tuple[list[str], str]:

@@ -182,7 +182,11 @@ def test_the_file_is_shown_drawn_reported_and_cited(command, result):
 def test_an_inference_written_alone_is_shown_too(command, folder):
     ca.write("alone.h5", made_inference())
     shown = json.loads(command("show", "alone.h5", "--json").out)
-    assert (shown["points"], shown["forecasts"], shown["experiments"]) == (made_inference().hold_times.size, [], [])
+    assert (shown["points"]["value"], shown["forecasts"], shown["experiments"]) == (
+        made_inference().hold_times.size,
+        [],
+        [],
+    )
 
 
 @pytest.mark.parametrize(

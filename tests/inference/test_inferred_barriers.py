@@ -153,7 +153,7 @@ def test_an_accuracy_narrower_than_the_error_of_the_barriers_is_refused(file):
 def test_show_names_the_error(run, command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ca.write("run.h5", run)
-    shown = " ".join(command("show", "run.h5").out.split())
+    shown = " ".join(command("show", "run.h5", "--all").out.split())
     assert "error of β: barriers" in shown
     assert "scatter of 8 members of the distribution of barriers" in shown
 

@@ -111,10 +111,11 @@ def test_the_command_prints_rows_with_their_sources(command):
     dry, reversal = rows
     assert dry["verdict"] == "calibrated"
     assert dry["calibrated_on"].split() == ["mcclimon-dry", "mcclimon-wet"]
-    assert 0 < dry["prediction_low"] < dry["prediction"] < dry["prediction_high"] < 0.1
+    predicted = dry["prediction"]
+    assert 0 < predicted["low"] < predicted["value"] < predicted["high"] < 0.1
     assert dry["power"] == {"half": 1, "the same": 1}
     assert reversal["verdict"] == "number not available"
-    assert reversal["prediction"] is None
+    assert reversal["prediction"]["value"] is None
     assert {row["doi"] for row in rows} == {"10.1007/s11249-024-01904-x", "10.1103/PhysRevLett.123.116102"}
     table_of = list(csv.DictReader(command("validate", "liu-coal", "--csv").out.splitlines()))
     assert table_of[0]["verdict"] == "number not available"
