@@ -4,7 +4,7 @@ from typing import Any, Literal, overload
 
 from chemage.foundation.units import QuantityLike
 from chemage.foundation.names import __version__ as __version__
-from chemage.ageing.aging import Aging as Aging
+from chemage.ageing.ageing import Ageing as Ageing
 from chemage.foundation.errors import ChemageError as ChemageError
 from chemage.lattices.chemistry import Chemistry as Chemistry
 from chemage.contacts.solution import ContactSolution as ContactSolution
@@ -32,7 +32,7 @@ from chemage.results.comparison import compare_files as compare_files
 from chemage.contacts.options import contact_modulus as contact_modulus
 from chemage.studies.ensembles.running import ensemble as ensemble
 from chemage.foundation import errors as errors
-from chemage.ageing.fitting import fit_aging as fit_aging
+from chemage.ageing.fitting import fit_ageing as fit_ageing
 from chemage_rate_state.fit import fit_rate_state as fit_rate_state
 from chemage.foundation.checks import hold_times as hold_times
 from chemage_inference.infer import infer as infer

@@ -4,7 +4,6 @@ from chemage.plugins.hooks import API_VERSION as API_VERSION
 from chemage.results.arrhenius import ActivationEnergy as ActivationEnergy
 from chemage.ageing.methods import AgedBonds as AgedBonds
 from chemage.ageing.methods import AgedReplica as AgedReplica
-from chemage.foundation.result import Ageing as Ageing
 from chemage.ageing.methods import AgeingMethod as AgeingMethod
 from chemage.ageing.methods import AgeingRequest as AgeingRequest
 from chemage.results.arrhenius import Arrhenius as Arrhenius
@@ -15,6 +14,7 @@ from chemage.surfaces.role import CONTINUATIONS as CONTINUATIONS
 from chemage.plugins.options import Choice as Choice
 from chemage.results.decisions import ClaimTest as ClaimTest
 from chemage.studies.sweeps.result import Collected as Collected
+from chemage.foundation.result import Comparable as Comparable
 from chemage.foundation.components import Component as Component
 from chemage.contacts.options import ContactModulus as ContactModulus
 from chemage.lattices.site_grid import ContactSites as ContactSites
@@ -101,7 +101,7 @@ from chemage.foundation.errors import UnknownKindError as UnknownKindError
 from chemage.foundation.units import Volume as Volume
 from chemage.studies.tasks import Worker as Worker
 from chemage.foundation.errors import WorkerLost as WorkerLost
-from chemage.scene.run import aging_of as aging_of
+from chemage.scene.run import ageing_of as ageing_of
 from chemage.foundation import algebra as algebra
 from chemage.foundation.units import array_in as array_in
 from chemage.lattices.chemistry import build_lattice as build_lattice

@@ -426,7 +426,7 @@ class Examples:
         return chemage.plugin.BondHistory(**{**fields, **changes})
 
     @staticmethod
-    def aging(**changes):
+    def ageing(**changes):
         fields = {
             "hold_times": [1.0, 10.0, 100.0],
             "bonds": [[10, 20, 30], [12, 24, 30]],
@@ -437,7 +437,7 @@ class Examples:
             "engine": "by-hand",
             "observables": {"x": np.array([[1.0], [2.0]])},
         }
-        return chemage.Aging(**{**fields, **changes})
+        return chemage.Ageing(**{**fields, **changes})
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import BARRIERS, Aging, elastic_limits
+from chemage.ageing.ageing import BARRIERS, Ageing, elastic_limits
 from chemage.ageing.methods import (
     EVERY_SITE,
     AgedBonds,
@@ -75,7 +75,7 @@ def age(
     method: AgeingMethod | None = None,
     surface: Surface | None = None,
     solver: ContactSolver | None = None,
-) -> Aging:
+) -> Ageing:
     """Age a contact: ``replicas`` times draw the disorder, run the kinetics to every hold time, count the bonds.
 
     Parameters
@@ -99,7 +99,7 @@ def age(
     rupture
         The law that turns bonds into friction; default: the mean force per bond and the front factor of ``chemistry``.
     observe
-        Further measurements on each replica, kept in ``Aging.observables``.
+        Further measurements on each replica, kept in ``Ageing.observables``.
     threads
         Threads that run replicas at the same time; default: one per processor. Results do not depend on it.
     progress
@@ -157,9 +157,9 @@ def age(
     request = AgeingRequest(contact, chemistry, engine, times, kelvin, *how)
     about = f"{method.kind}: {engine.kind}, {replicas} replicas, {times.size} hold times, {kelvin:g} K"
     with logged("ageing", about) as outcome:
-        aging = _aging(request, method)
-        outcome(f"{aging.sites.mean():.0f} sites; {of_plugins(aging.plugins)}")
-    return aging
+        ageing = _ageing(request, method)
+        outcome(f"{ageing.sites.mean():.0f} sites; {of_plugins(ageing.plugins)}")
+    return ageing
 
 
 def _check_parts(
@@ -186,7 +186,7 @@ def _check_parts(
         raise PluginError(problem)
 
 
-def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
+def _ageing(request: AgeingRequest, method: AgeingMethod) -> Ageing:
     """What ``method`` finds, which must be of the whole contact and at the hold times that were asked for."""
     contact, chemistry, observe = (
         request.contact,
@@ -220,7 +220,7 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
             f"{min(twice)!r} is recorded with the contact and with its ageing; rename one"
         )
     try:
-        aging = Aging(
+        ageing = Ageing(
             hold_times=request.hold_times,
             bonds=aged.bonds,
             sites=aged.sites,
@@ -250,11 +250,11 @@ def _aging(request: AgeingRequest, method: AgeingMethod) -> Aging:
         raise PluginError(
             f"ageing {method.kind!r} gave no valid result: {error}"
         ) from error
-    if aging.replicas != (request.replicas if method.replicates else 1):
+    if ageing.replicas != (request.replicas if method.replicates else 1):
         raise PluginError(
-            f"ageing {method.kind!r} gave {aging.replicas} replicas of {request.replicas}"
+            f"ageing {method.kind!r} gave {ageing.replicas} replicas of {request.replicas}"
         )
-    return aging.noting(
+    return ageing.noting(
         plugins,
         [*contact.approximate, *aged.approximate, *approximations(components)],
         changes=merged_changes(contact.changes, took_part.changes),
@@ -337,15 +337,15 @@ MEMBERS, SITES, MOST = 8, 2000, 40
 
 
 def with_members(
-    aging: Aging,
+    ageing: Ageing,
     contact: ContactSolution | ContactStatistics,
     chemistry: Chemistry,
     *,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
     **how: Any,
-) -> Aging:
-    """``aging`` with the error that its distribution of forming barriers has, where its members are known.
+) -> Ageing:
+    """``ageing`` with the error that its distribution of forming barriers has, where its members are known.
 
     The distribution and :data:`MEMBERS` of its members are aged with the same disorder and kinetic noise. Each has as
     many replicas as are needed for :data:`SITES` sites, :data:`MOST` at most. The rupture law takes no part: the error
@@ -353,10 +353,10 @@ def with_members(
     """
     members = list(chemistry.forming.members(MEMBERS))
     if not members:
-        return aging
+        return ageing
     method, sites = (
         how.get("method") or EVERY_SITE,
-        max(float(aging.sites.mean()), 1.0),
+        max(float(ageing.sites.mean()), 1.0),
     )
     replicas = int(np.clip(np.ceil(SITES / sites), 1, MOST))
     how |= {
@@ -387,10 +387,10 @@ def with_members(
         else "each once"
     )
     source = f"scatter of {len(others)} members of the distribution of barriers, {count}, same random numbers"
-    return aging.model_copy(
+    return ageing.model_copy(
         update={
-            "errors": {**aging.errors, BARRIERS: ratios.std(axis=0, ddof=1)},
-            "error_sources": {**aging.error_sources, BARRIERS: source},
+            "errors": {**ageing.errors, BARRIERS: ratios.std(axis=0, ddof=1)},
+            "error_sources": {**ageing.error_sources, BARRIERS: source},
             "member_ratios": ratios,
         }
     )

@@ -28,7 +28,7 @@ from chemage.foundation.units import convert
 
 #: quantity -> words for it; case matters in words of one or two letters
 QUANTITIES = {
-    "hold_time": "t|time|hold|holding|waiting|contact time|ageing time|aging time|zeit|haltezeit|kontaktzeit|wartezeit|"
+    "hold_time": "t|time|hold|holding|waiting|contact time|ageing time|ageing time|zeit|haltezeit|kontaktzeit|wartezeit|"
     "standzeit|ruhezeit|alterungszeit",
     "friction": "F|F s|Fs|friction|reibung|haftreibung|reibkraft|reibungskraft|haftreibungskraft",
     "friction_coefficient": "mu|μ|mu s|μ s|coefficient|cof|reibwert|reibungszahl|reibkoeffizient|reibungskoeffizient|"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging, bond_errors, elastic_notes, fit_or_reason
-from chemage.ageing.fitting import DROPS, FIT_WINDOW, Fit, Friction, fit_aging
+from chemage.ageing.ageing import Ageing, bond_errors, elastic_notes, fit_or_reason
+from chemage.ageing.fitting import DROPS, FIT_WINDOW, Fit, Friction, fit_ageing
 from chemage.contacts.solution import MEASURES
 from chemage.foundation.errors import InputError
 from chemage.foundation.figures import (
@@ -30,7 +30,7 @@ from chemage.foundation.quantities import (
 )
 from chemage.foundation.result import (
     FILE,
-    Ageing,
+    Comparable,
     Medium,
     OfRecord,
     Panel,
@@ -54,18 +54,18 @@ ON_ONE_SURFACE = (
 SLOPE_SPAN = 0.5
 
 
-class AgingDisplay(OfRecord[Aging]):
+class AgeingDisplay(OfRecord[Ageing]):
     """An ageing curve as users see it, with the line of β over ``window`` (first and last hold time, s)."""
 
     errors = ON_ONE_SURFACE
 
     def __init__(
         self,
-        aging: Aging,
+        ageing: Ageing,
         window: tuple[float, float] = FIT_WINDOW,
         label: str = "",
     ) -> None:
-        super().__init__(aging)
+        super().__init__(ageing)
         self.window = window
         #: in legends
         self.label = label
@@ -84,42 +84,42 @@ class AgingDisplay(OfRecord[Aging]):
         """Draw what was published of this result, where that is known."""
 
     def made_by(self) -> Mapping[str, Any]:
-        return {"scene": {}, "aging": self.record}
+        return {"scene": {}, "ageing": self.record}
 
     # -- words and numbers --------------------------------------------------------------------------------------------
 
     def facts(self) -> Rows:
-        aging = self.record
-        law = _with_parts(aging.provenance.get(Rupture.role, {})) or (
+        ageing = self.record
+        law = _with_parts(ageing.provenance.get(Rupture.role, {})) or (
             "mean force per bond"
-            if aging.rupture_force is None
+            if ageing.rupture_force is None
             else "the force of the drive"
-            if aging.unfitted
+            if ageing.unfitted
             else "a plugin's"
         )
         facts = [
-            ("temperature", f"{aging.temperature:g} K"),
-            ("grid of sites", aging.site_grid),
+            ("temperature", f"{ageing.temperature:g} K"),
+            ("grid of sites", ageing.site_grid),
             (
                 "mean over",
-                f"{aging.replicas} replica{'s' if aging.replicas > 1 else ''} on one surface",
+                f"{ageing.replicas} replica{'s' if ageing.replicas > 1 else ''} on one surface",
             ),
             (
                 "engine",
-                f"{aging.engine}{f' by ageing {aging.method!r}' if aging.method else ''}",
+                f"{ageing.engine}{f' by ageing {ageing.method!r}' if ageing.method else ''}",
             ),
             ("rupture law", law),
             (
                 "random numbers",
-                aging.random_numbers
-                or ("none" if aging.method else "not recorded"),
+                ageing.random_numbers
+                or ("none" if ageing.method else "not recorded"),
             ),
         ]
-        if aging.errors:
+        if ageing.errors:
             facts.append(
                 (
-                    f"errors of the mean at {aging.hold_times[-1]:g} s",
-                    aging.error_words,
+                    f"errors of the mean at {ageing.hold_times[-1]:g} s",
+                    ageing.error_words,
                 )
             )
         return facts
@@ -155,8 +155,8 @@ class AgingDisplay(OfRecord[Aging]):
 
     # -- beside others ------------------------------------------------------------------------------------------------
 
-    def ageing(self) -> Ageing:
-        return Ageing(
+    def comparable(self) -> Comparable:
+        return Comparable(
             self._chemistry(),
             self.record.load,
             self.window,
@@ -173,7 +173,7 @@ class AgingDisplay(OfRecord[Aging]):
     def _fit_like(self, model: Any, window: Any, quantity: Any) -> Fit | str:
         """A model fitted to this curve as it is to measurements, or why it cannot be."""
         try:
-            return fit_aging(
+            return fit_ageing(
                 self.record, model=model, window=window, quantity=quantity
             )
         except InputError as error:
@@ -257,15 +257,15 @@ class AgingDisplay(OfRecord[Aging]):
     def _draw_local_slope(self, axes: Axes, medium: Medium) -> None:
         """Draw the mean slope per decade over half a decade or more about each time, with 95 % intervals over replicas;
         and that of the fit."""
-        aging = self.record
-        drawn = aging.hold_times > 0
+        ageing = self.record
+        drawn = ageing.hold_times > 0
         times, first = np.unique(
-            np.log10(aging.hold_times[drawn]), return_index=True
+            np.log10(ageing.hold_times[drawn]), return_index=True
         )
         values = (
-            aging.friction_coefficient_drop
-            if aging.load > 0
-            else aging.friction_drop
+            ageing.friction_coefficient_drop
+            if ageing.load > 0
+            else ageing.friction_drop
         )
         values = values[:, drawn][:, first]
         ends = [
@@ -279,14 +279,14 @@ class AgingDisplay(OfRecord[Aging]):
         slopes = (values[:, high] - values[:, low]) / (times[high] - times[low])
         middle = 10 ** (0.5 * (times[low] + times[high]))
         _errorbars(
-            axes, middle, slopes.mean(axis=0), half_width(slopes), BLUE, aging.over
+            axes, middle, slopes.mean(axis=0), half_width(slopes), BLUE, ageing.over
         )
         drop = DROPS[self.quantity]
         axes.set(xscale="log", xlabel=HOLD_TIME.axis)
         axes.set_ylabel(
             headed(f"slope d{drop.symbol}/dlog$_{{10}}$t per decade", drop.unit)
         )
-        if self.fit[0] is not None and aging.load > 0:
+        if self.fit[0] is not None and ageing.load > 0:
             fit = self.fit[0]
             axes.plot(
                 fit.span,

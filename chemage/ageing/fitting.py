@@ -445,7 +445,7 @@ class Fit:
         )
 
 
-def fit_aging(
+def fit_ageing(
     data: Curves,
     *,
     model: Model = "line",

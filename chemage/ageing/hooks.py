@@ -12,7 +12,7 @@ from chemage.plugins.hooks import Doubt, Parts, Stage, StageInputs, Stated, hook
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from chemage.ageing.aging import Aging
+    from chemage.ageing.ageing import Ageing
     from chemage.ageing.observables import PlottedResult
     from chemage.contacts.solution import ContactSolution
     from chemage.kinetics.history import BondHistory
@@ -28,7 +28,7 @@ ROLES = {
 def chemage_observe(
     contact: ContactSolution, lattice: ReactionLattice, history: BondHistory
 ) -> Mapping[str, Any]:  # pyright: ignore[reportReturnType]
-    """Measure named numbers or arrays on a finished replica; they are kept in ``Aging.observables``."""
+    """Measure named numbers or arrays on a finished replica; they are kept in ``Ageing.observables``."""
 
 
 @hookspec
@@ -82,7 +82,7 @@ class _Ageing(Stage):
     def asked(self, parts: Parts) -> bool:
         return {"chemistry", "engine", "hold"} <= parts.keys()
 
-    def run(self, inputs: StageInputs) -> Aging:
+    def run(self, inputs: StageInputs) -> Ageing:
         from chemage.ageing.age import age
 
         how = {
@@ -180,7 +180,7 @@ class _Ageing(Stage):
 
     def _pressure(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """A mean pressure at which the material would flow."""
-        from chemage.ageing.aging import NOTED_ELASTIC
+        from chemage.ageing.ageing import NOTED_ELASTIC
 
         hardness = parts["chemistry"].hardness
         mean = stated["contact"].get("mean_pressure")
@@ -208,7 +208,7 @@ class _Ageing(Stage):
 
     def _adhesion(self, parts: Parts, stated: Stated) -> Iterator[Doubt]:
         """Adhesion of a sphere that the contact leaves out."""
-        from chemage.ageing.aging import neglected_adhesion
+        from chemage.ageing.ageing import neglected_adhesion
 
         work = parts["chemistry"].work_of_adhesion
         radius = stated["surface"].get("radius")
@@ -287,14 +287,14 @@ STAGES = (
         only_with="hold",
         inputs=("engine",),
         takes=("contact",),
-        makes="aging",
+        makes="ageing",
     ),
     _Observe(
         "observe",
         role="observable",
         many=True,
         inputs=("hold",),
-        key="aging",
+        key="ageing",
         always_in_key=True,
         hooks=("chemage_observe",),
     ),

@@ -126,7 +126,7 @@ class Measurements:
         )
 
     def fit_data(self, quantity: Friction | None) -> FitData:
-        """The curve as it was measured, for :func:`chemage.fit_aging`."""
+        """The curve as it was measured, for :func:`chemage.fit_ageing`."""
         if quantity not in (None, self.quantity):
             raise InputError.of(
                 "quantity", quantity, f"these are measurements of {self.quantity}"

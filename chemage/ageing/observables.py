@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.ageing import Ageing
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.components import Component
 from chemage.foundation.errors import PluginError
@@ -46,7 +46,7 @@ class PlottedResult:
     #: for the legend
     label: str
     #: None without ageing
-    aging: Aging | None
+    ageing: Ageing | None
     #: None without ageing, and where the plugins that made this result are not installed
     chemistry: Chemistry | None
     #: a matplotlib colour
@@ -71,9 +71,9 @@ class PlottedResult:
 
 @dataclass(frozen=True)
 class Observed(PlottedResult):
-    """One result as an observable draws it: ``aging`` is always there."""
+    """One result as an observable draws it: ``ageing`` is always there."""
 
-    aging: Aging
+    ageing: Ageing
 
 
 class Observable(Component, ABC):
@@ -102,7 +102,7 @@ class Observable(Component, ABC):
     def draw(self, figure: str, axes: Axes, results: Sequence[Observed]) -> None:
         """As for every component.
 
-        What was measured is in ``Aging.observables`` of each result, (replicas, ...) by name.
+        What was measured is in ``Ageing.observables`` of each result, (replicas, ...) by name.
         """
         super().draw(figure, axes, results)
 

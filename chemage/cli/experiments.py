@@ -206,7 +206,7 @@ def _without_figures(one: Scene, path: Path) -> Run | None:
         return None
     if getattr(found, "scene", None) != one.todict():
         return None
-    if found.versions != versions(one, (found.contact, found.aging)):
+    if found.versions != versions(one, (found.contact, found.ageing)):
         return None
     print(f"{path} is complete; only its figures are drawn", file=sys.stderr)
     return found

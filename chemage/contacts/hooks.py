@@ -126,7 +126,7 @@ class _Contact(Stage):
         return super().todict({**parts, **written}, options_of)
 
     def recorded(
-        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+        self, ageing: Mapping[str, Any], contact: Mapping[str, Any]
     ) -> Mapping[str, Any]:
         return {self.section: options_in(contact)}
 

@@ -18,7 +18,7 @@ _USERS = (
     "surface make_surface Surface contact contact_modulus solve_contact ContactSolution open_maps "
     "barriers interaction chemistry Chemistry ReactionLattice engine hold_times rupture pulling observable "
     "ageing_method "
-    "age Aging fit_aging arrhenius Measurements read_measurements read write write_report compare_files "
+    "age Ageing fit_ageing arrhenius Measurements read_measurements read write write_report compare_files "
     "Scene load_scene parse_scene material run Run sweep SweepResult load_sweep collect_sweep ensemble Ensemble "
     "ChemageError InputError PlanWarning errors "
     "plugin_options prefer_plugins register unregister plugin testing"
@@ -27,9 +27,9 @@ USERS = frozenset(_USERS.split())
 #: module -> its public names
 NAMES = {
     "ageing.age": "age",
-    "ageing.aging": "Aging",
+    "ageing.ageing": "Ageing",
     "results.arrhenius": "ActivationEnergy Arrhenius arrhenius",
-    "ageing.fitting": "FIT_WINDOW Fit fit_aging",
+    "ageing.fitting": "FIT_WINDOW Fit fit_ageing",
     "foundation.checks": "hold_times Seed check_times checked_count checked_seed checked_states force "
     "temperature_value",
     "ageing.columns": "read_columns",
@@ -47,7 +47,7 @@ NAMES = {
     "scene.materials": "Material MaterialValue material",
     "scene.provenance": "versions",
     "scene.plan": "plan",
-    "scene.run": "Run aging_of contact_of run surface_of",
+    "scene.run": "Run ageing_of contact_of run surface_of",
     "scene.scene": "Scene",
     "scene.files": "load_scene override parse_scene scene_data value_at",
     "foundation.kernels": "kernel",
@@ -59,7 +59,7 @@ NAMES = {
     "foundation.errors": "ChemageError ConvergenceError DamagedError ExecutorError InputError PlanWarning PluginError "
     "SceneError StoreError UnitError UnknownKindError WorkerLost nearest",
     "foundation.files": "FileStamp file_stamp fresh_file open_file preflight regular_file write_file",
-    "foundation.result": "Ageing OfRecord Panel Picture Result Table displays result_of",
+    "foundation.result": "Comparable OfRecord Panel Picture Result Table displays result_of",
     "foundation.units": "EV_PER_GPA_NM3 Energy FilePath Force Frequency KB Length Pressure Temperature Time Unit "
     "Volume array_in convert",
     "friction.pulling": "Drive Partners PullHistory Pulling partners_of pull pulling",

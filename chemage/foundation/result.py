@@ -132,7 +132,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Ageing:
+class Comparable:
     """What of an aged result other results and measurements are held against."""
 
     #: fields that determine the kinetics of the sites: dotted path -> value
@@ -338,7 +338,7 @@ class Result(Owned):
         return [], ""
 
     def made_by(self) -> Fields:
-        """What made it: ``scene`` (plain data), ``aging`` (an ageing curve) and ``contact`` (provenance), or its
+        """What made it: ``scene`` (plain data), ``ageing`` (an ageing curve) and ``contact`` (provenance), or its
         ``components``."""
         return {"scene": self.scene}
 
@@ -352,9 +352,9 @@ class Result(Owned):
             (f"plugin {name}", version) for name, version in self.plugins.items()
         ]
 
-    def ageing(self) -> Ageing:
+    def comparable(self) -> Comparable:
         """What others are held against; nothing without ageing."""
-        return Ageing()
+        return Comparable()
 
     def completed(self, path: Path) -> Result:
         """The same with all that its file holds, where that is more than what :func:`chemage.read` gives."""

@@ -191,7 +191,7 @@ STAGES = (
         needs="forming",
         only_with="hold",
         inputs=("ageing",),
-        key="aging",
+        key="ageing",
         hooks=("chemage_rupture_bonds", "chemage_pull_bonds"),
     ),
 )

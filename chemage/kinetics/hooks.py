@@ -176,7 +176,7 @@ STAGES = (
         needs="forming",
         only_with="hold",
         inputs=("chemistry",),
-        key="aging",
+        key="ageing",
         always_in_key=True,
         hooks=("chemage_run_kinetics",),
     ),

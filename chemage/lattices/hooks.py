@@ -79,10 +79,10 @@ class _Chemistry(Stage):
         return ends
 
     def recorded(
-        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+        self, ageing: Mapping[str, Any], contact: Mapping[str, Any]
     ) -> Mapping[str, Any]:
         return {
-            name: aging.get(name) or aging.get(self.section, {}).get(name)
+            name: ageing.get(name) or ageing.get(self.section, {}).get(name)
             for name in self.parts
         }
 
@@ -222,7 +222,7 @@ STAGES = (
         },
         needs="forming",
         inputs=("contact",),
-        key="aging",
+        key="ageing",
         always_in_key=True,
         of_material=True,
         hooks=("chemage_build_lattice",),

@@ -110,7 +110,7 @@ Stated: TypeAlias = Mapping[str, Mapping[str, float]]
 #: what a scene says before and after the sections of its stages
 TOP, BOTTOM = ("name", "title", "material"), ("plugins", "sweep")
 #: the keys of a scene, each of which contains the one before it
-KEYS = ("surface", "contact", "aging", "result")
+KEYS = ("surface", "contact", "ageing", "result")
 
 
 class Doubt(NamedTuple):
@@ -138,7 +138,7 @@ class StageInputs:
 
     #: what the scene says, see :mod:`chemage.plugins.hooks`
     parts: Parts
-    #: what the stages before it made: "surface", "contact", "aging"
+    #: what the stages before it made: "surface", "contact", "ageing"
     made: Fields
     #: how many threads it may use; None: all
     threads: int | None = None
@@ -179,7 +179,7 @@ class Stage(Owned):
     only_with: str = ""
     #: stages it rests on, by section
     inputs: tuple[str, ...] = ()
-    #: what it is given when it runs, and what it makes: "surface", "contact", "aging"; "" where it computes nothing
+    #: what it is given when it runs, and what it makes: "surface", "contact", "ageing"; "" where it computes nothing
     takes: tuple[str, ...] = ()
     makes: str = ""
     #: the key (:data:`KEYS`) that its options are part of; default: of what it makes, "" for none
@@ -308,10 +308,10 @@ class Stage(Owned):
         """What it adds beside its options, after all sections: key -> content."""
         return {}
 
-    def recorded(self, aging: Fields, contact: Fields) -> Fields:
+    def recorded(self, ageing: Fields, contact: Fields) -> Fields:
         """Path -> plain options with kind, as the provenance of an ageing curve and of its contact has them."""
         return {
-            self.section: (contact if self.makes == "contact" else aging).get(
+            self.section: (contact if self.makes == "contact" else ageing).get(
                 self.section
             )
         }

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.fitting import FIT_WINDOW, UNIT, Fit, fit_aging
+from chemage.ageing.ageing import Ageing
+from chemage.ageing.fitting import FIT_WINDOW, UNIT, Fit, fit_ageing
 from chemage.ageing.models import UNKNOWN, Interval, solve
 from chemage.foundation.checks import within
 from chemage.foundation.errors import InputError, StoreError
@@ -172,7 +172,7 @@ class _Curve:
         )
 
 
-def _check(curves: Sequence[Aging]) -> None:
+def _check(curves: Sequence[Ageing]) -> None:
     """Refuse curves that are not at three temperatures of one contact and one chemistry."""
     kelvins = sorted(curve.temperature for curve in curves)
     if len(kelvins) < LEAST:
@@ -199,7 +199,7 @@ def _check(curves: Sequence[Aging]) -> None:
             )
 
 
-def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
+def _quantity(quantity: Level | None, curves: Sequence[Ageing]) -> Level:
     load = curves[0].load
     if quantity is None:
         return "friction_coefficient_drop" if load > 0 else "friction_drop"
@@ -212,21 +212,21 @@ def _quantity(quantity: Level | None, curves: Sequence[Aging]) -> Level:
     return quantity
 
 
-def _curve(aging: Aging, quantity: Level) -> _Curve:
+def _curve(ageing: Ageing, quantity: Level) -> _Curve:
     if quantity == "bonds_per_site":
         values = (
-            aging.bonds / np.where(aging.sites > 0, aging.sites, np.nan)[:, None]
+            ageing.bonds / np.where(ageing.sites > 0, ageing.sites, np.nan)[:, None]
         )
     else:
         values = (
-            aging.friction_drop
+            ageing.friction_drop
             if quantity == "friction_drop"
-            else aging.friction_coefficient_drop
+            else ageing.friction_coefficient_drop
         )
-    shown = aging.hold_times > 0
+    shown = ageing.hold_times > 0
     return _Curve(
-        aging.temperature,
-        aging.hold_times[shown],
+        ageing.temperature,
+        ageing.hold_times[shown],
         np.asarray(values, dtype=np.float64)[:, shown],
     )
 
@@ -441,18 +441,20 @@ def _jackknife(
     return jackknife_error(np.array(values))
 
 
-def _fit(aging: Aging, quantity: Level, window: tuple[float, float]) -> Fit | None:
-    of_force = quantity == "friction_drop" or aging.load == 0
+def _fit(
+    ageing: Ageing, quantity: Level, window: tuple[float, float]
+) -> Fit | None:
+    of_force = quantity == "friction_drop" or ageing.load == 0
     try:
-        return fit_aging(
-            aging, window=window, quantity="friction_drop" if of_force else None
+        return fit_ageing(
+            ageing, window=window, quantity="friction_drop" if of_force else None
         )
     except InputError:
         return None
 
 
 def _of_cutoff(
-    results: Sequence[Aging],
+    results: Sequence[Ageing],
     fits: Sequence[Fit | None],
     window: tuple[float, float],
     confidence: float,
@@ -541,15 +543,15 @@ def arrhenius(
     StoreError
         A file cannot be read.
     """
-    agings, notes, limits = _collected(results, where)
-    _check(agings)
-    agings.sort(key=lambda aging: aging.temperature)
-    chosen = _quantity(quantity, agings)
+    ageings, notes, limits = _collected(results, where)
+    _check(ageings)
+    ageings.sort(key=lambda ageing: ageing.temperature)
+    chosen = _quantity(quantity, ageings)
     if not 0 < confidence < 1:
         raise InputError.of(
             "confidence", confidence, "must lie between 0 and 1", "give 0.95, say"
         )
-    curves = [_curve(aging, chosen) for aging in agings]
+    curves = [_curve(ageing, chosen) for ageing in ageings]
     asked = (
         _default(curves) if levels is None else _given(levels, UNIT.get(chosen, ""))
     )
@@ -562,11 +564,11 @@ def arrhenius(
             )
     first, last = window or limits
     span = convert(first, "s"), convert(last, "s")
-    fits = tuple(_fit(aging, chosen, span) for aging in agings)
+    fits = tuple(_fit(ageing, chosen, span) for ageing in ageings)
     notes += dict.fromkeys(
         fit.doubt for fit in fits if fit is not None and fit.doubt
     )
-    if (cutoff := _of_cutoff(agings, fits, span, confidence)) is not None:
+    if (cutoff := _of_cutoff(ageings, fits, span, confidence)) is not None:
         energies.append(cutoff)
     kelvins = np.array([curve.temperature for curve in curves])
     return Arrhenius(
@@ -576,32 +578,32 @@ def arrhenius(
 
 def _collected(
     results: Any, where: Mapping[str, Any] | None
-) -> tuple[list[Aging], list[str], tuple[float, float]]:
+) -> tuple[list[Ageing], list[str], tuple[float, float]]:
     """The ageing curves of results, notes, and the fit window of the first."""
     if isinstance(results, str | os.PathLike):
         results = load_sweep(Path(results)) if Path(results).is_dir() else [results]
     if isinstance(results, SweepResult):
         points, notes = _points(results, where)
         fit = points[0].scene().fit
-        return [point.aging() for point in points], notes, (fit.start, fit.stop)
+        return [point.ageing() for point in points], notes, (fit.start, fit.stop)
     if where:
         raise InputError(
             "where: chooses points of a sweep; give a sweep or its folder"
         )
     if is_result(results) or not isinstance(results, Iterable):
         results = [results]
-    agings, windows = [], []
+    ageings, windows = [], []
     for source in results:
         is_file = isinstance(source, str | os.PathLike)
         shown = result_of(read(source, maps=False) if is_file else source)
-        aging = shown.made_by().get("aging")
-        if aging is None:
+        ageing = shown.made_by().get("ageing")
+        if ageing is None:
             raise InputError(
                 f"results: {shown.name} has no ageing curve; give runs or ageing curves at several temperatures"
             )
-        agings.append(aging)
-        windows.append(shown.ageing().window)
-    return agings, [], next(iter(windows), None) or FIT_WINDOW
+        ageings.append(ageing)
+        windows.append(shown.comparable().window)
+    return ageings, [], next(iter(windows), None) or FIT_WINDOW
 
 
 def _points(

@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.fitting import Fit, Model, fit_aging
+from chemage.ageing.ageing import Ageing
+from chemage.ageing.fitting import Fit, Model, fit_ageing
 from chemage.ageing.measurements import Measurements, read_table
 from chemage.foundation.components import Component
 from chemage.foundation.errors import InputError, printable
@@ -30,7 +30,7 @@ from chemage.foundation.quantities import (
     by_name,
     headed,
 )
-from chemage.foundation.result import TIMES, Ageing, Result, Table, result_of
+from chemage.foundation.result import TIMES, Comparable, Result, Table, result_of
 from chemage.foundation.text import csv_text, jsonable
 from chemage.foundation.units import QuantityLike, convert
 from chemage.lattices.chemistry import SITE_DENSITY, Chemistry
@@ -65,14 +65,14 @@ class Entry:
     first: Sequence[Quantity]
     #: doubts and faults, in words
     notes: Sequence[str]
-    ageing: Ageing
+    comparable: Comparable
     errors: str
     approximation: str
     #: plugins that took part: name -> source
     plugins: Mapping[str, str]
     scene: Mapping[str, Any]
     components: Sequence[tuple[str, Component]]
-    aging: Aging | None
+    ageing: Ageing | None
     #: reads the result again, maps included
     whole: Callable[[], Result] = field(compare=False, repr=False)
 
@@ -104,13 +104,13 @@ class Entry:
             first_numbers(result),
             [f"approximate: {result.approximation}"] * bool(result.approximation)
             + result.notes(),
-            result.ageing(),
+            result.comparable(),
             result.errors,
             result.approximation,
             dict(result.plugins),
             result.scene,
             components(result),
-            result.made_by().get("aging"),
+            result.made_by().get("ageing"),
             whole or (lambda: result),
         )
 
@@ -124,7 +124,7 @@ class Entry:
     @property
     def ages(self) -> bool:
         """Whether it has a chemistry, and with it curves against hold time."""
-        return bool(self.ageing.chemistry)
+        return bool(self.comparable.chemistry)
 
     @property
     def last(self) -> float:
@@ -158,7 +158,7 @@ class Entry:
         """The fields that determine the kinetics of the sites: dotted path -> value."""
         if not self.ages:
             return {}
-        parts = self.ageing.chemistry
+        parts = self.comparable.chemistry
         own = {
             name: value
             for name, value in parts.get("chemistry", {}).items()
@@ -470,7 +470,7 @@ class Comparison:
         and what they mean."""
         first, *others = self.results
         return [
-            verdict(data, entry.name, entry.ageing, entry.curves)
+            verdict(data, entry.name, entry.comparable, entry.curves)
             for data in self.measured
             for entry in self.results
         ] + [between(first, entry) for entry in others if entry.ages and first.ages]
@@ -505,11 +505,11 @@ class Comparison:
                     float(positive.max()),
                 )
                 for result in self.results:
-                    if result.ageing.fit is not None:
+                    if result.comparable.fit is not None:
                         yield (
                             result.name,
                             model,
-                            result.ageing.fit(model, window, data.quantity),
+                            result.comparable.fit(model, window, data.quantity),
                         )
 
     def measured_fit(self, data: Measurements, model: Model) -> Fit | str:
@@ -518,10 +518,10 @@ class Comparison:
         reason = ""
         windows: list[tuple[float, float] | None] = [None]
         if model == "line":
-            windows.insert(0, self.results[0].ageing.window)
+            windows.insert(0, self.results[0].comparable.window)
         for window in windows:
             try:
-                return fit_aging(data, model=model, window=window)
+                return fit_ageing(data, model=model, window=window)
             except InputError as error:
                 reason = str(error)
         return reason

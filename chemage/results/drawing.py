@@ -119,7 +119,7 @@ def _of_components(sources: Sequence[Source]) -> Iterator[_PlannedFigure]:
     groups: dict[tuple[str, str], list[tuple[int, str, Component]]] = {}
     for number, (entry, plotted) in enumerate(sources):
         for path, component in entry.components:
-            measured = component.role != "observable" or plotted.aging is not None
+            measured = component.role != "observable" or plotted.ageing is not None
             if type(component).figures and measured:
                 groups.setdefault(
                     (component.role, component.qualified_kind()), []
@@ -347,14 +347,14 @@ def _draw_curves(
         return ""
     axes.set_xscale("log")
     for entry, _ in curves if few and name == "friction_coefficient_drop" else ():
-        if entry.ageing.draw_fit is not None:
+        if entry.comparable.draw_fit is not None:
             # the legend has its β with the curve
             color = styles[entry.name]["color"]
             darker = "#" + "".join(
                 f"{round(0.6 * int(color[at : at + 2], 16)):02X}"
                 for at in (1, 3, 5)
             )
-            entry.ageing.draw_fit(
+            entry.comparable.draw_fit(
                 axes, *(("", "") if alone else (_UNNAMED, darker))
             )
     _draw_measurements(axes, measured, words)
@@ -378,7 +378,7 @@ def _fit_words(
     few = len(comparison.results) <= _FITTED
     if few and quantity == "friction_coefficient_drop":
         for entry in comparison.results:
-            ageing = entry.ageing
+            ageing = entry.comparable
             if ageing.fit is not None:
                 fit = ageing.fit("line", ageing.window, quantity)
                 if isinstance(fit, Fit) and fit.drawable:
@@ -450,7 +450,7 @@ def _measurements(
     """Measurements of a quantity, or of another that one common load turns into it, and the line fitted to each."""
     if quantity not in DROPS:
         return []
-    loads = {entry.ageing.load for entry in comparison.results}
+    loads = {entry.comparable.load for entry in comparison.results}
     load = loads.pop() if len(loads) == 1 else None
     found = []
     for original in comparison.measured:
@@ -515,8 +515,8 @@ def brought_figures(
             KeyError, ChemageError
         ):  # without provenance, or without the plugins that made it
             chemistry = (
-                Chemistry.fromdict(entry.aging.provenance["chemistry"])
-                if entry.aging is not None
+                Chemistry.fromdict(entry.ageing.provenance["chemistry"])
+                if entry.ageing is not None
                 else None
             )
         more: Mapping[str, Any] = {
@@ -525,7 +525,7 @@ def brought_figures(
         }
         plotted = PlottedResult(
             entry.legend_name,
-            entry.aging,
+            entry.ageing,
             chemistry,
             PALETTE[number % len(PALETTE)],
             **more,

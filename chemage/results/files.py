@@ -1,7 +1,7 @@
 """Results on disk, one container each; maps of them in parts.
 
-Each object is a group (``surface``, ``contact``, ``lattice``, ``history``, ``aging``), so that
-``xarray.open_dataset(path, group="aging")`` reads it. The root holds what the run was: scene, keys, versions, timings.
+Each object is a group (``surface``, ``contact``, ``lattice``, ``history``, ``ageing``), so that
+``xarray.open_dataset(path, group="ageing")`` reads it. The root holds what the run was: scene, keys, versions, timings.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging, derived
+from chemage.ageing.ageing import Ageing, derived
 from chemage.foundation import container
 from chemage.foundation.codec import Derived
 from chemage.foundation.errors import InputError, StoreError
@@ -30,7 +30,7 @@ GROUPS = {
     "statistics": "chemage.contacts.solution:ContactStatistics",
     "lattice": "chemage.lattices.lattice:ReactionLattice",
     "history": "chemage.kinetics.history:BondHistory",
-    "aging": "chemage.ageing.aging:Aging",
+    "ageing": "chemage.ageing.ageing:Ageing",
     "ensemble": "chemage.studies.ensembles.ensemble:Ensemble",
 }
 #: the maps that a file may hold
@@ -58,19 +58,19 @@ def write(
     more: dict[str, Derived] = {}
     if isinstance(result, Run):
         parts, attributes = result.parts(), result.attributes()
-        if result.aging is not None:
-            more["aging"] = derived(result.aging, result.window)
+        if result.ageing is not None:
+            more["ageing"] = derived(result.ageing, result.window)
     else:
         cls = type(result)
         target = f"{cls.__module__}:{cls.__qualname__}"
         names = [name for name, known in _groups().items() if known == target]
         if not names:
             raise InputError(
-                f"cannot store {with_article(cls.__name__)}; give a chemage object such as an Aging, or a Run"
+                f"cannot store {with_article(cls.__name__)}; give a chemage object such as an Ageing, or a Run"
             )
         parts, attributes = {names[0]: result}, {}
-        if isinstance(result, Aging):
-            more["aging"] = derived(result)
+        if isinstance(result, Ageing):
+            more["ageing"] = derived(result)
     container.write(path, parts, attributes, derived=more, force=force)
 
 

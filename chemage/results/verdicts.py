@@ -14,7 +14,7 @@ from chemage.ageing.covariance import SMALLEST, CurveError, agreement
 from chemage.ageing.fitting import UNIT
 from chemage.ageing.measurements import Measurements
 from chemage.foundation.quantities import NONE, Curve
-from chemage.foundation.result import Ageing, Table
+from chemage.foundation.result import Comparable, Table
 from chemage.foundation.text import jsonable, plus_minus, power_text
 
 #: probability of a larger deviation by chance from which on curves agree, and below which they surely do not
@@ -185,7 +185,7 @@ COLUMNS = ("data", "model", "offset", "slope", "χ²", "verdict")
 
 
 def verdict(
-    data: Measurements, name: str, ageing: Ageing, curves: Mapping[str, Curve]
+    data: Measurements, name: str, ageing: Comparable, curves: Mapping[str, Curve]
 ) -> Verdict:
     """Judge measurements beside a result, interpolated in log t at the measured hold times."""
     said = _model(data, ageing, curves)
@@ -240,7 +240,7 @@ class Curved(Protocol):
     @property
     def name(self) -> str: ...
     @property
-    def ageing(self) -> Ageing: ...
+    def comparable(self) -> Comparable: ...
     @property
     def curves(self) -> Mapping[str, Curve]: ...
 
@@ -252,7 +252,9 @@ def between(one: Curved, other: Curved) -> Verdict:
         Verdict, other.name, one.name, subject="its values"
     )
     why = _elsewhere(
-        other.ageing.load, other.ageing.chemistry.get("temperature"), one.ageing
+        other.comparable.load,
+        other.comparable.chemistry.get("temperature"),
+        one.comparable,
     )
     common = [
         name for name in UNIT if {name} <= one.curves.keys() & other.curves.keys()
@@ -335,7 +337,7 @@ class _Model(NamedTuple):
 
 
 def _model(
-    data: Measurements, ageing: Ageing, curves: Mapping[str, Curve]
+    data: Measurements, ageing: Comparable, curves: Mapping[str, Curve]
 ) -> tuple[Measurements, _Model] | str:
     """The measurements in the quantity of the result, and what that says of them; or why it says nothing."""
     if ageing.predict is not None:
@@ -362,7 +364,7 @@ def _model(
 
 
 def _elsewhere(
-    load: float | None, temperature: float | None, ageing: Ageing
+    load: float | None, temperature: float | None, ageing: Comparable
 ) -> str:
     """That a result is at another load or temperature, in words."""
     for own, theirs, unit in (

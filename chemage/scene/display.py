@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
-from chemage.ageing.display import AgingDisplay
+from chemage.ageing.ageing import Ageing
+from chemage.ageing.display import AgeingDisplay
 from chemage.contacts.display import OfContact
 from chemage.foundation.aliases import Data, Fields
 from chemage.foundation.figures import BLACK, plain
@@ -19,7 +19,7 @@ from chemage.foundation.names import __version__
 from chemage.foundation.ownership import in_words
 from chemage.foundation.quantities import NONE, Curve, Quantity
 from chemage.foundation.result import (
-    Ageing,
+    Comparable,
     Picture,
     Result,
     Rows,
@@ -99,14 +99,14 @@ def _same(values: Any, expected: Any) -> bool:
     return values == expected
 
 
-@displays(Aging)
-class AgingOfScene(AgingDisplay):
+@displays(Ageing)
+class AgeingOfScene(AgeingDisplay):
     """An ageing curve with what is known of its surface, and with what was published about its ``scene``."""
 
-    def __init__(self, aging: Aging, run: Run | None = None) -> None:
+    def __init__(self, ageing: Ageing, run: Run | None = None) -> None:
         super().__init__(
-            aging, run.window, run.name
-        ) if run is not None else super().__init__(aging)
+            ageing, run.window, run.name
+        ) if run is not None else super().__init__(ageing)
         self._scene = {} if run is None else run.scene
 
     @property
@@ -124,12 +124,14 @@ class AgingOfScene(AgingDisplay):
 class RunDisplay(Result):
     """A run as users see it."""
 
-    errors = AgingDisplay.errors
+    errors = AgeingDisplay.errors
 
     def __init__(self, run: Run) -> None:
         self.run = run
         # an empty result where nothing ages
-        self.aging = Result() if run.aging is None else AgingOfScene(run.aging, run)
+        self.ageing = (
+            Result() if run.ageing is None else AgeingOfScene(run.ageing, run)
+        )
         self.contact: OfContact[Any] = result_of(run.contact)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
@@ -163,7 +165,7 @@ class RunDisplay(Result):
             for section in registry.current().owners
             for options in as_list(scene.get(section, ()))
         ]
-        facts += self.aging.facts()
+        facts += self.ageing.facts()
         facts += [
             (f"plugin {name}", source) for name, source in self.plugins.items()
         ]
@@ -189,7 +191,7 @@ class RunDisplay(Result):
         return self.run.quantities()
 
     def curves(self) -> list[Curve]:
-        return [*self.aging.curves(), *self.contact.curves()]
+        return [*self.ageing.curves(), *self.contact.curves()]
 
     def _timings(self) -> str:
         return ", ".join(
@@ -205,11 +207,11 @@ class RunDisplay(Result):
         return [*faults, *self.run.notes]
 
     def parts(self) -> dict[str, Result]:
-        parts: dict[str, Result] = {"contact": self.contact, "aging": self.aging}
+        parts: dict[str, Result] = {"contact": self.contact, "ageing": self.ageing}
         if self.run.surface is not None:
             parts = {"surface": result_of(self.run.surface), **parts}
-        if self.run.aging is None:
-            del parts["aging"]
+        if self.run.ageing is None:
+            del parts["ageing"]
         return parts
 
     def pictures(self) -> dict[str, Picture]:
@@ -218,8 +220,8 @@ class RunDisplay(Result):
             for part in self.parts().values()
             for name, picture in part.pictures().items()
         }
-        if self.run.aging is not None and "friction" in found:
-            title = f"{self.title}, {self.run.aging.temperature:g} K"
+        if self.run.ageing is not None and "friction" in found:
+            title = f"{self.title}, {self.run.ageing.temperature:g} K"
             if self.approximation:
                 title += f"\napproximate: {self.approximation}"
             found["friction"] = replace(found["friction"], title=title)
@@ -229,7 +231,7 @@ class RunDisplay(Result):
         return list(self.run.cite), self.run.versions.get("chemage", __version__)
 
     def made_by(self) -> Fields:
-        return {"scene": self.scene, "aging": self.run.aging}
+        return {"scene": self.scene, "ageing": self.run.ageing}
 
     def maps(self) -> Fields:
         return {
@@ -266,11 +268,11 @@ class RunDisplay(Result):
             ),
         ]
 
-    def ageing(self) -> Ageing:
-        if self.run.aging is None:
-            return Ageing(load=self.run.contact.load)
-        chemistry = chemistry_of_scene(self.scene, self.run.aging.temperature)
-        return replace(self.aging.ageing(), chemistry=chemistry)
+    def comparable(self) -> Comparable:
+        if self.run.ageing is None:
+            return Comparable(load=self.run.contact.load)
+        chemistry = chemistry_of_scene(self.scene, self.run.ageing.temperature)
+        return replace(self.ageing.comparable(), chemistry=chemistry)
 
 
 def as_list(section: Any) -> Sequence[Fields]:

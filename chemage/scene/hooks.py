@@ -60,7 +60,7 @@ STAGES = (
         required_with=("forming", "is required where bonds form"),
         needs="forming",
         inputs=("engine",),
-        key="aging",
+        key="ageing",
         always_in_key=True,
     ),
     _Fit(

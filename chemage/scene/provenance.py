@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import metadata
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.ageing import Ageing
 from chemage.foundation.aliases import Fields
 from chemage.foundation.components import Component
 from chemage.foundation.errors import ChemageError
@@ -69,7 +69,7 @@ def _version(distribution: str) -> str:
 
 def components_of(
     scene: Fields,
-    aging: Aging | None = None,
+    ageing: Ageing | None = None,
     contact: Fields | None = None,
 ) -> list[tuple[str, Component]]:
     """The components that a result was made with, as far as their plugins are installed: (path, component).
@@ -78,20 +78,20 @@ def components_of(
     """
     return [
         part
-        for path, role, options in _recorded(scene, aging, contact)
+        for path, role, options in _recorded(scene, ageing, contact)
         if (component := _installed(role, options)) is not None
         for part in nested(component, path)
     ]
 
 
 def scatter_of(
-    scene: Fields, aging: Aging | None, contact: Mapping[str, float]
+    scene: Fields, ageing: Ageing | None, contact: Mapping[str, float]
 ) -> Scatter | None:
     """What the maker of a result's surface knows of the scatter between surfaces (:meth:`SurfaceMaker.scatter`).
 
     ``contact`` are the measures of the contact; the other arguments are those of :func:`components_of`.
     """
-    for _, role, options in _recorded(scene, aging, None):
+    for _, role, options in _recorded(scene, ageing, None):
         if role == SurfaceMaker.role:  # the other components need not be imported
             maker = _installed(role, options)
             return (
@@ -101,10 +101,10 @@ def scatter_of(
 
 
 def _recorded(
-    scene: Fields, aging: Aging | None, contact: Fields | None
+    scene: Fields, ageing: Ageing | None, contact: Fields | None
 ) -> Iterator[tuple[str, str, Fields]]:
     """(path, role, plain options with kind) of each component."""
-    provenance = aging.provenance if aging is not None else {}
+    provenance = ageing.provenance if ageing is not None else {}
     below = contact or provenance.get("contact") or {}
     for stage in registry.stages():
         stored = stage.recorded(provenance, below)

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from chemage.ageing.age import age, with_members
-from chemage.ageing.aging import (
+from chemage.ageing.ageing import (
     BARRIERS,
-    Aging,
+    Ageing,
     beta_parts,
     bond_errors,
     elastic_measures,
@@ -84,7 +84,7 @@ class Run:
         The contact, or its statistics; pressures in GPa, lengths in nm.
     surface
         The surface, heights in nm; None where a theory needs none.
-    aging
+    ageing
         Bonds and friction against hold time, in nN and s; None where the scene solves the contact alone.
     timings
         Stage -> wall time, s.
@@ -99,7 +99,7 @@ class Run:
     scene: Data
     contact: ContactSolution | ContactStatistics
     surface: Surface | None = None
-    aging: Aging | None = None
+    ageing: Ageing | None = None
     timings: dict[str, float] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
     keys: dict[str, str] = field(default_factory=dict)
@@ -118,8 +118,8 @@ class Run:
     def notes(self) -> tuple[str, ...]:
         """What the user should know of this result, in words."""
         notes = [*self.contact.notes, *elasticity_notes(self.contact)]
-        notes += self.aging.notes if self.aging is not None else ()
-        notes += elastic_notes(self.aging)
+        notes += self.ageing.notes if self.ageing is not None else ()
+        notes += elastic_notes(self.ageing)
         if (fit := self.fit()) is not None:
             notes += fit.notes
         if self.contact.area_fraction == 1 and not any(
@@ -140,25 +140,25 @@ class Run:
     @property
     def plugins(self) -> dict[str, str]:
         """Plugins that answered or changed a stage on the way to this result: name -> distribution and version."""
-        later = {} if self.aging is None else self.aging.plugins
+        later = {} if self.ageing is None else self.ageing.plugins
         return {**self.contact.plugins, **later}
 
     @property
     def changes(self) -> dict[str, list[str]]:
         """What each of them answered or changed, see :attr:`chemage.plugin.Record.changes`."""
-        later = self.aging.changes if self.aging is not None else {}
+        later = self.ageing.changes if self.ageing is not None else {}
         return merged_changes(self.contact.changes, later)
 
     @property
     def measured(self) -> dict[str, MeasuredOutput]:
         """What observables measured, and what components and hooks recorded at any stage, by name."""
-        later = {} if self.aging is None else self.aging.measured
+        later = {} if self.ageing is None else self.ageing.measured
         return {**self.contact.measured, **later}
 
     @property
     def approximate(self) -> str:
         """What is approximate about this result, in words: the kinds and their declared errors; "" if nothing is."""
-        later = () if self.aging is None else self.aging.approximate
+        later = () if self.ageing is None else self.ageing.approximate
         every = merged_approximations(self.contact.approximate, later)
         return approximations_in_words(every)
 
@@ -166,17 +166,17 @@ class Run:
     def scatter(self) -> Scatter | None:
         """How much β differs between surfaces of other seeds, where the maker of the surface says so; None without
         ageing, and where β saturates, of which the estimates are not."""
-        if self.aging is None or (
+        if self.ageing is None or (
             (fit := self.fit()) is not None and fit.saturates
         ):
             return None
-        return scatter_of(self.scene, self.aging, self.contact.summary())
+        return scatter_of(self.scene, self.ageing, self.contact.summary())
 
     def quantities(self) -> list[Quantity]:
         """The numbers of the contact and of the ageing, and the scatter between surfaces where it is known."""
         numbers = self.contact.quantities()
-        if self.aging is not None:
-            numbers += self.aging.quantities(self.window)
+        if self.ageing is not None:
+            numbers += self.ageing.quantities(self.window)
         if (scatter := self.scatter) is not None and scatter.text():
             numbers.append(scatter.quantity())
         return numbers
@@ -189,43 +189,45 @@ class Run:
     def beta_errors(self) -> dict[str, float]:
         """What an error of β beside the scatter of the replicas is due to -> relative standard error; none of a β of 0."""
         fit = self.fit()
-        if self.aging is None or fit is None or fit.beta == 0:
+        if self.ageing is None or fit is None or fit.beta == 0:
             return {}
-        parts = beta_parts(self.aging, self.window)
+        parts = beta_parts(self.ageing, self.window)
         return {name: part.size / abs(fit.beta) for name, part in parts.items()}
 
     @cached_property
     def _fitted(self) -> tuple[Fit | None, str]:
         return (
             (None, "")
-            if self.aging is None
-            else fit_or_reason(self.aging, self.window)
+            if self.ageing is None
+            else fit_or_reason(self.ageing, self.window)
         )
 
     def summary(self) -> Data:
         """One JSON-able object with the numbers users compare; what does not exist is None, as is nan."""
-        contact, aging, scatter = self.contact, self.aging, self.scatter
+        contact, ageing, scatter = self.contact, self.ageing, self.scatter
         fit, reason = self._fitted
         numbers: Data = {
             "name": self.name,
             "solver": self.scene["contact"]["kind"],
-            **_kinds(aging),
-            "engine": aging.engine if aging else None,
+            **_kinds(ageing),
+            "engine": ageing.engine if ageing else None,
             **contact.summary(),
             **_solve(contact),
             "notes": list(self.notes),
-            "sites": float(aging.sites.mean()) if aging else _sites(contact),
-            "site_grid": aging.site_grid if aging else None,
-            "replicas": aging.replicas if aging else 0,
-            "events": (None if aging.events is None else sum(aging.events.tolist()))
-            if aging
+            "sites": float(ageing.sites.mean()) if ageing else _sites(contact),
+            "site_grid": ageing.site_grid if ageing else None,
+            "replicas": ageing.replicas if ageing else 0,
+            "events": (
+                None if ageing.events is None else sum(ageing.events.tolist())
+            )
+            if ageing
             else 0,
-            "common_random_numbers": aging.provenance.get("common")
-            if aging
+            "common_random_numbers": ageing.provenance.get("common")
+            if ageing
             else None,
-            "hold_times": aging.hold_times.tolist() if aging else [],
+            "hold_times": ageing.hold_times.tolist() if ageing else [],
             **self._curves(),
-            **bond_errors(aging),
+            **bond_errors(ageing),
             "observables": {
                 name: quantity.summary() for name, quantity in self.measured.items()
             },
@@ -239,7 +241,7 @@ class Run:
             "cutoff_reason": (fit.cutoff_reason or None) if fit else None,
             "beta_scatter_between_surfaces": scatter.relative if scatter else None,
             **({"beta_errors": errors} if (errors := self.beta_errors) else {}),
-            **elastic_measures(aging),
+            **elastic_measures(ageing),
             "timings": self.timings,
             "versions": self.versions,
             "plugins": self.plugins,
@@ -253,9 +255,9 @@ class Run:
     def _curves(self) -> Data:
         """ΔF and Δμ with their errors; nan where one is not known, and empty without ageing."""
         known, none = {}, np.zeros(0)
-        if self.aging is not None:
-            known = by_name(self.aging.curves())
-            none = np.full(self.aging.hold_times.size, np.nan)
+        if self.ageing is not None:
+            known = by_name(self.ageing.curves())
+            none = np.full(self.ageing.hold_times.size, np.nan)
         numbers: Data = {}
         for name, curve in DROPS.items():
             unknown = curve.but(mean=none, stderr=none, half_width=none)
@@ -263,7 +265,7 @@ class Run:
         return numbers
 
     def plot(
-        self, *what: Literal["surface", "contact", "aging"]
+        self, *what: Literal["surface", "contact", "ageing"]
     ) -> tuple[Axes, ...]:
         """Draw surface, contact and ageing side by side in a figure of pyplot, or only those named; return their axes.
 
@@ -279,7 +281,7 @@ class Run:
         there = {
             "surface": self.surface,
             "contact": self.contact,
-            "aging": self.aging,
+            "ageing": self.ageing,
         }
         parts, attributes = [], {"name": self.name}
         for name, record in there.items():
@@ -296,18 +298,18 @@ class Run:
         return merged
 
     def to_pandas(self) -> pandas.DataFrame:
-        """One row for each hold time, see :meth:`Aging.to_pandas`. Needs pandas.
+        """One row for each hold time, see :meth:`Ageing.to_pandas`. Needs pandas.
 
         Raises
         ------
         InputError
             The run ends at the contact.
         """
-        if self.aging is None:
+        if self.ageing is None:
             raise InputError(
                 f"{self.name} ends at the contact, so that it has no hold times; use run.contact.to_pandas()"
             )
-        return self.aging.to_pandas()
+        return self.ageing.to_pandas()
 
     def _repr_html_(self) -> str:
         return notebook_html(self)
@@ -317,7 +319,7 @@ class Run:
         contact = {
             "contact" if self.contact.has_map else "statistics": self.contact
         }
-        records = {"surface": self.surface, **contact, "aging": self.aging}
+        records = {"surface": self.surface, **contact, "ageing": self.ageing}
         return {name: part for name, part in records.items() if part is not None}
 
     def attributes(self) -> dict[str, str]:
@@ -344,20 +346,20 @@ class Run:
         return cls(
             contact=contact,
             surface=parts.get("surface"),
-            aging=parts.get("aging"),
+            ageing=parts.get("ageing"),
             **{**fields, "cite": tuple(fields["cite"])},
         )
 
 
-def _kinds(aging: Aging | None) -> dict[str, str | None]:
+def _kinds(ageing: Ageing | None) -> dict[str, str | None]:
     """Section -> kind of the component of each stage of the ageing; None where there is none, but for stages of plugins,
     so that a summary does not depend on what is installed."""
     kinds: dict[str, str | None] = {}
     others = registry.current().owners
     for stage in registry.stages():
-        if stage.role and stage.key == "aging" and not stage.many:
+        if stage.role and stage.key == "ageing" and not stage.many:
             part = (
-                aging.provenance.get(stage.section) if aging is not None else None
+                ageing.provenance.get(stage.section) if ageing is not None else None
             )
             if isinstance(part, Mapping):
                 kinds[stage.section] = part.get("kind")
@@ -454,7 +456,7 @@ def _run(
     timings: dict[str, float] = {}
     made = compute_stages(
         scene,
-        ("contact", "aging"),
+        ("contact", "ageing"),
         progress,
         timings,
         threads,
@@ -462,10 +464,10 @@ def _run(
         surface=surface,
         contact=contact,
     )
-    solved, aging = made["contact"], made.get("aging")
+    solved, ageing = made["contact"], made.get("ageing")
     if (
         members
-        and aging is not None
+        and ageing is not None
         and scene.chemistry is not None
         and scene.chemistry.forming.members(1)
     ):
@@ -475,15 +477,15 @@ def _run(
             "progress": progress and partial(progress, BARRIERS),
         }
         with _timed(BARRIERS, scene, timings, progress):
-            aging = with_members(aging, solved, scene.chemistry, **how)
+            ageing = with_members(ageing, solved, scene.chemistry, **how)
     return Run(
         scene.todict(),
         solved,
         made.get("surface"),
-        aging,
+        ageing,
         timings,
-        versions(scene, (solved, aging)),
-        run_keys(scene, solved, aging),
+        versions(scene, (solved, ageing)),
+        run_keys(scene, solved, ageing),
         tuple(scene.cite()),
     )
 
@@ -497,7 +499,7 @@ def compute_stages(
     checkpoints: Path | None = None,
     **given: Any,
 ) -> Data:
-    """What the stages of a scene make that are needed for ``wanted`` ("surface", "contact", "aging"), by its name; what
+    """What the stages of a scene make that are needed for ``wanted`` ("surface", "contact", "ageing"), by its name; what
     is ``given`` is not made again, nor changed."""
     made = {name: record for name, record in given.items() if record is not None}
     parts = scene.solved_parts
@@ -538,9 +540,9 @@ def contact_of(scene: Scene, surface: Surface | None = None) -> Any:
         return compute_stages(scene, {"contact"}, surface=surface)["contact"]
 
 
-def aging_of(
+def ageing_of(
     scene: Scene, contact: ContactSolution | ContactStatistics, **changes: Any
-) -> Aging | None:
+) -> Ageing | None:
     """The ageing of ``scene`` on ``contact``, with ``changes`` to the arguments of :func:`chemage.age`; None if the
     scene stops at the contact."""
     if not scene.ages:
@@ -554,15 +556,17 @@ def aging_of(
 
 
 def run_keys(
-    scene: Scene, contact: ContactSolution | ContactStatistics, aging: Aging | None
+    scene: Scene,
+    contact: ContactSolution | ContactStatistics,
+    ageing: Ageing | None,
 ) -> dict[str, str]:
     """The keys of the stages of a finished run, in which the plugins that took part enter."""
     below = contact.provenance.get("surface")
-    last = contact.plugins if aging is None else aging.plugins
+    last = contact.plugins if ageing is None else ageing.plugins
     plugins = {
         "surface": below.get("plugins", {}) if isinstance(below, Mapping) else {},
         "contact": contact.plugins,
-        "aging": last,
+        "ageing": last,
         "result": last,
     }
     return {

@@ -501,7 +501,7 @@ class Scene(Section):
         The plugins that take part are known only when the stage has run; a finished run's keys contain them, with their
         options.
 
-        ``surface``, ``contact``, ``aging``, and ``result``, which is ageing, the fit to it, and the limits of the
+        ``surface``, ``contact``, ``ageing``, and ``result``, which is ageing, the fit to it, and the limits of the
         material with which it is compared. Options that only change the speed, and the scene's name, are in none of
         them.
         """
@@ -533,10 +533,10 @@ class Scene(Section):
             return self.keys()
         stages, parts = registry.stages(), self.parts
         extra: Data = {}
-        for key in ("surface", "contact", "aging"):
-            within = [stage for stage in stages if (stage.key or "aging") == key]
+        for key in ("surface", "contact", "ageing"):
+            within = [stage for stage in stages if (stage.key or "ageing") == key]
             hooks = {hook for stage in within for hook in stage.hooks}
-            if key == "aging":  # and every hook of no declared stage
+            if key == "ageing":  # and every hook of no declared stage
                 hooks |= {*stage_hooks()} - {
                     hook for stage in stages for hook in stage.hooks
                 }

@@ -25,7 +25,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
-from chemage.ageing.aging import Aging, elastic_limits
+from chemage.ageing.ageing import Ageing, elastic_limits
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES, ContactSolution
 from chemage.foundation import threads as thread_budget
 from chemage.foundation.codec import from_json, to_json
@@ -208,7 +208,7 @@ class Task(Owned):
         } | more
         return cls(
             keys["result"],
-            keys["aging"],
+            keys["ageing"],
             keys["contact"],
             keys["surface"],
             scene,
@@ -345,12 +345,12 @@ class Outcome:
         return {name: numbers[name] for name in names if name in numbers}
 
     @property
-    def aging(self) -> Aging | None:
+    def ageing(self) -> Ageing | None:
         """The ageing; None where the scene ends at the contact."""
         if self.run is not None:
-            return self.run.aging
-        stored = self._stored("aging")
-        return None if stored is None else from_json(Aging, stored)
+            return self.run.ageing
+        stored = self._stored("ageing")
+        return None if stored is None else from_json(Ageing, stored)
 
     def _stored(self, name: str) -> Any:
         if self.error is not None:
@@ -556,11 +556,11 @@ def _fitted_again(before: Run, scene: Scene) -> Run:
     before = replace(
         before,
         scene=scene.todict(),
-        keys=run_keys(scene, before.contact, before.aging),
+        keys=run_keys(scene, before.contact, before.ageing),
     )
-    if before.aging is not None and scene.chemistry is not None:
+    if before.ageing is not None and scene.chemistry is not None:
         limits = {"elasticity": elastic_limits(before.contact, scene.chemistry)}
-        before = replace(before, aging=before.aging.model_copy(update=limits))
+        before = replace(before, ageing=before.ageing.model_copy(update=limits))
     return before
 
 
@@ -575,9 +575,9 @@ def point_file(task: Task, status: str, **content: Any) -> dict[str, Any]:
 
 def content_of(run: Run, task: Task) -> dict[str, Any]:
     """The content of the file of a task that is done."""
-    aging = None if run.aging is None else to_json(run.aging)
-    more = {"plugins": run.plugins, "summary": run.summary(), "aging": aging}
-    if aging is None and run.contact.approximate:  # the ageing has it otherwise
+    ageing = None if run.ageing is None else to_json(run.ageing)
+    more = {"plugins": run.plugins, "summary": run.summary(), "ageing": ageing}
+    if ageing is None and run.contact.approximate:  # the ageing has it otherwise
         more["approximate"] = list(run.contact.approximate)
     return point_file(task, "done", **more)
 

@@ -58,7 +58,7 @@ class _Surface(Stage):
         )
 
     def recorded(
-        self, aging: Mapping[str, Any], contact: Mapping[str, Any]
+        self, ageing: Mapping[str, Any], contact: Mapping[str, Any]
     ) -> Mapping[str, Any]:
         return {self.section: options_in(contact.get(self.section))}
 

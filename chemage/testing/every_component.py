@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.ageing import Ageing
 from chemage.ageing.observables import Maps, Observable, Observed, PlottedResult
 from chemage.contacts.role import ContactSolver
 from chemage.contacts.solution import ContactSolution
@@ -395,10 +395,10 @@ class ObservableFigureChecks(Checks[Observable], of=Observable):
                 f"figure {figure!r} is the same whatever the second and the third replica have; draw all replicas",
             )
 
-    def _measured(self, replicas: Sequence[Bonded]) -> Aging:
+    def _measured(self, replicas: Sequence[Bonded]) -> Ageing:
         """The result of these replicas, as ``chemage.age`` makes it."""
         measured = [numbers(self.component, replica) for replica in replicas]
-        return _aging(
+        return _ageing(
             replicas[0].contact,
             bonds=np.stack([replica.bonds for replica in replicas]),
             hold_times=replicas[0].hold_times,
@@ -410,7 +410,7 @@ class ObservableFigureChecks(Checks[Observable], of=Observable):
         )
 
 
-def _aging(contact: ContactSolution, bonds: np.ndarray, **fields: Any) -> Aging:
+def _ageing(contact: ContactSolution, bonds: np.ndarray, **fields: Any) -> Ageing:
     most = np.full(len(bonds), bonds.max(initial=40))
     own = {
         "load": contact.load,
@@ -418,7 +418,7 @@ def _aging(contact: ContactSolution, bonds: np.ndarray, **fields: Any) -> Aging:
         "engine": "by-hand",
         "contact": contact.summary(),
     }
-    return Aging(bonds=bonds, sites=most, events=most, **own, **fields)
+    return Ageing(bonds=bonds, sites=most, events=most, **own, **fields)
 
 
 class ComponentFigureChecks(Checks[Component], of=Component):
@@ -481,7 +481,7 @@ class ComponentFigureChecks(Checks[Component], of=Component):
 
         def result(label: str, most: int, color: str) -> PlottedResult:
             bonds = np.array([[0, most // 2, most], [1, most // 3, most - 1]])
-            aging = _aging(
+            ageing = _ageing(
                 replica.contact,
                 bonds,
                 hold_times=replica.hold_times,
@@ -489,7 +489,7 @@ class ComponentFigureChecks(Checks[Component], of=Component):
             )
             return PlottedResult(
                 label,
-                aging,
+                ageing,
                 replica.chemistry,
                 color,
                 component,
@@ -506,6 +506,6 @@ class ComponentFigureChecks(Checks[Component], of=Component):
         }
         if isinstance(component, SurfaceMaker | ContactSolver):
             results["a result without ageing"] = [
-                replace(one, aging=None, chemistry=None)
+                replace(one, ageing=None, chemistry=None)
             ]
         return results

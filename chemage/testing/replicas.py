@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from chemage.ageing.age import age
-from chemage.ageing.aging import Aging
+from chemage.ageing.ageing import Ageing
 from chemage.ageing.methods import AgedBonds, AgeingMethod, AgeingRequest
 from chemage.ageing.observables import Observable
 from chemage.contacts.solution import ContactSolution
@@ -553,7 +553,7 @@ _FURTHER: tuple[tuple[Any, ...], ...] = (
 class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
     """What every method of ageing must do."""
 
-    def _aged(self, request: AgeingRequest) -> Aging:
+    def _aged(self, request: AgeingRequest) -> Ageing:
         """What the stage makes of the answer, which it validates."""
         fields = (
             "engine",
@@ -638,7 +638,7 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
                 continue  # it says beforehand that it cannot treat this
             load = contact.load * (pixel / contact.pixel_size) ** 2
             contact = contact.model_copy(update={"pixel_size": pixel, "load": load})
-            aging = self._aged(
+            ageing = self._aged(
                 _request(
                     contact,
                     chemistry=chemistry,
@@ -649,13 +649,13 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
             sites = share * chemistry.sites_of(contact).sites.size
             exact = _expected(contact, chemistry, kelvin, times)
             spread = FAR * math.sqrt(max(sites * (1 - share), 0.25))
-            size = float(aging.sites.mean())
+            size = float(ageing.sites.mean())
             require(
                 abs(size - sites) <= spread + 0.5,
                 f"{what}: {size:g} sites, expected {sites:g}",
             )
-            bonds, stated = aging.bonds.mean(axis=0), np.zeros(times.size)
-            for name, error in aging.errors.items():
+            bonds, stated = ageing.bonds.mean(axis=0), np.zeros(times.size)
+            for name, error in ageing.errors.items():
                 worst = float(np.nan_to_num(error[exact > 1]).max(initial=0.0))
                 require(
                     worst < 1,
@@ -668,7 +668,7 @@ class AgeingMethodChecks(Checks[AgeingMethod], of=AgeingMethod):
                 + 1e-9
             )
             if self.component.replicates:  # replicas differ by their disorder as well: at most as Poisson numbers
-                allowed += FAR * np.sqrt(exact / len(aging.bonds)) + 0.5
+                allowed += FAR * np.sqrt(exact / len(ageing.bonds)) + 0.5
             at = int(np.argmax(np.abs(bonds - exact) - allowed))
             require(
                 abs(bonds[at] - exact[at]) <= allowed[at],

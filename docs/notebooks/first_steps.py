@@ -25,27 +25,27 @@ contact
 # %%
 silica = ca.chemistry(forming=ca.barriers("md-silica"), activation_volume="6.4 angstrom**3")
 times = ca.hold_times("1 ms", "1e5 s", per_decade=4)
-aging = ca.age(contact, silica, engine=ca.engine("auto"), hold_times=times, temperature="300 K", replicas=8, seed=1)
-aging
+ageing = ca.age(contact, silica, engine=ca.engine("auto"), hold_times=times, temperature="300 K", replicas=8, seed=1)
+ageing
 
 # %% [markdown]
 # The same numbers as a table of pandas, one row for each hold time. The columns have the names that the tables of
 # sweeps have.
 
 # %%
-table = aging.to_pandas()
+table = ageing.to_pandas()
 print(table[["bonds", "friction_drop", "friction_drop_half_width"]].iloc[::8].round(2))
 
 # %% [markdown]
 # β is the slope of the friction coefficient drop per decade of hold time, with its 95 % interval:
 
 # %%
-fit = aging.fit("10 s", "1e4 s")
+fit = ageing.fit("10 s", "1e4 s")
 print(f"beta = {fit.beta:.4f} ± {fit.beta_half_width:.4f}")
 
 # %% [markdown]
 # And the same data for xarray, with named dimensions and units:
 
 # %%
-data = aging.to_xarray()
+data = ageing.to_xarray()
 print(dict(data.sizes), data.friction_drop.attrs["units"])

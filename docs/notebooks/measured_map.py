@@ -100,7 +100,7 @@ silica = ca.chemistry(
     front_factor=0.15,
 )
 times = ca.hold_times("10 ms", "1e4 s", per_decade=4)
-aging = ca.age(contact, silica, engine=ca.engine("auto"), hold_times=times, temperature="300 K", replicas=8, seed=1)
+ageing = ca.age(contact, silica, engine=ca.engine("auto"), hold_times=times, temperature="300 K", replicas=8, seed=1)
 
 # %% [markdown]
 # ## Beside the measurements
@@ -118,13 +118,13 @@ with open("afm.csv", "w") as file:
 figure, axes = plt.subplots(figsize=(6, 4.2))
 data = ca.read_measurements("afm.csv")
 fits = {}
-for colour, (name, one) in zip(("C0", "C1"), {"computed": aging, "measured": data}.items(), strict=True):
-    fits[name] = ca.fit_aging(one, model="curve", window=("0.1 s", "3000 s"))
+for colour, (name, one) in zip(("C0", "C1"), {"computed": ageing, "measured": data}.items(), strict=True):
+    fits[name] = ca.fit_ageing(one, model="curve", window=("0.1 s", "3000 s"))
     line = np.geomspace(0.1, 3000, 100)
     lines = axes.plot(line, fits[name](line), color=colour, label=f"{name}: {fits[name].short_text()}")
-aging.plot(axes, fit=False, color="C0")
+ageing.plot(axes, fit=False, color="C0")
 bars = axes.errorbar(data.hold_times, data.values, data.error, fmt="s", ms=4, capsize=2, color="C1")
-axes.set_ylim(0, 1.25 * aging.mean_friction_coefficient_drop[-1])
+axes.set_ylim(0, 1.25 * ageing.mean_friction_coefficient_drop[-1])
 legend = axes.legend(frameon=False, fontsize=8, loc="upper left")
 for name, fit in fits.items():
     print(f"{name}: beta = {fit.beta_text()}, cut-off time {fit.cutoff_text()}, {fit.intervals_text()}")

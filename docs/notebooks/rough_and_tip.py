@@ -49,8 +49,8 @@ axes = tip.plot()
 
 # %%
 figure, axes = plt.subplots(figsize=(4.8, 3.7))
-rough.aging.plot(axes, fit=False, color="C0", label="rough")
-tip.aging.plot(axes, fit=False, color="C1", label="tip")
+rough.ageing.plot(axes, fit=False, color="C0", label="rough")
+tip.ageing.plot(axes, fit=False, color="C1", label="tip")
 legend = axes.legend(frameon=False)
 
 # %% [markdown]

@@ -108,7 +108,7 @@ class BarrierSpectrum(Observable):
         """Draw intrinsic barriers and those of all, unbonded and bonded sites; of several results all and unbonded."""
         alone, ends = len(results) == 1, []
         for result in results:
-            measured = result.aging.observables
+            measured = result.ageing.observables
             edges = measured["barrier_edges"][0]
             if alone and result.chemistry is not None:
                 energy = np.linspace(edges[0], edges[-1], 801)
@@ -141,7 +141,7 @@ class BarrierSpectrum(Observable):
 
 def _lines(result: Observed, alone: bool) -> list[tuple[str, str, str, str]]:
     """What is drawn of a result: spectrum, colour, dashes, label."""
-    last = f"{text.power_text(result.aging.hold_times[-1])} s"
+    last = f"{text.power_text(result.ageing.hold_times[-1])} s"
     if not alone:
         unbonded = f"{result.label}, unbonded at {last}"
         return [

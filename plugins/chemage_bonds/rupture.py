@@ -333,11 +333,11 @@ class UnderForce(Rupture):
         end = 0.0
         for result in results:
             if (
-                result.aging is None
-                or "bond_force_grid" not in result.aging.observables
+                result.ageing is None
+                or "bond_force_grid" not in result.ageing.observables
             ):
                 continue
-            measured: Mapping[str, Any] = result.aging.observables
+            measured: Mapping[str, Any] = result.ageing.observables
             grid = measured["bond_force_grid"][0]
             density = measured["bond_force_density"].mean(axis=0)
             axes.plot(grid, density, color=result.color, lw=1.4, label=result.label)

@@ -35,9 +35,9 @@ def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
     """Draw each result in bands above each other, each from its least to its largest value."""
     bands: dict[str, list[tuple[PlottedResult, np.ndarray, np.ndarray]]] = {}
     for one in results:
-        if (aging := one.aging) is None:
+        if (ageing := one.ageing) is None:
             continue
-        times, seen = aging.hold_times, aging.observables
+        times, seen = ageing.hold_times, ageing.observables
         points = seen.get("step_points", np.array([[times.size]]))[0]
         speeds = seen.get("step_speed", np.zeros((1, 1)))[0]
         steps = np.split(times, np.cumsum(points)[:-1])
@@ -46,7 +46,7 @@ def draw_programme(axes: Axes, results: Sequence[PlottedResult]) -> None:
         begins = [*(own[0] for own in steps), times[-1]]
         ticks = [text.power_text(float(time)) for time in begins]
         axes.set_xticks(range(len(ticks)), ticks)
-        curves = {"bonds": aging.bonds, "force (nN)": aging.friction_drop}
+        curves = {"bonds": ageing.bonds, "force (nN)": ageing.friction_drop}
         for name, label in CONDITIONS.items():
             if name in seen and np.ptp(values := seen[name]) > 0:
                 of_steps = name.startswith("step_")

@@ -8,7 +8,7 @@ from typing import Any
 from chemage.plugin import Stage
 
 #: what these sections need
-_NEEDS: dict[str, Any] = {"needs": "forming", "only_with": "hold", "key": "aging"}
+_NEEDS: dict[str, Any] = {"needs": "forming", "only_with": "hold", "key": "ageing"}
 
 
 class _Steps(Stage):

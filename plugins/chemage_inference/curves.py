@@ -215,14 +215,14 @@ class MeasuredCurve(Record):
             problem = "is no MeasuredCurve, table or result"
             remedy = "give curves from chemage.read_curves, or a file"
             raise InputError.of("measured", result, problem, remedy) from None
-        name, ageing = name or shown.name, shown.ageing()
+        name, ageing = name or shown.name, shown.comparable()
         curves = [one for one in shown.curves() if one.name == "friction_drop"]
         chemistry = {**ageing.chemistry}
         kelvin = chemistry.pop("temperature", None)
         chemistry |= chemistry.pop("chemistry", {})
         if not curves or kelvin is None:
             raise InputError(f"{name}: has no friction drop against hold time")
-        if reason := getattr(shown.made_by().get("aging"), "unfitted", ""):
+        if reason := getattr(shown.made_by().get("ageing"), "unfitted", ""):
             raise InputError(f"{name}: is no single hold: {reason}")
         above = curves[0].x > 0
         errors, near = correlated_errors(curves[0])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from chemage.plugin import (
-    Ageing,
+    Comparable,
     OfRecord,
     Panel,
     Picture,
@@ -457,7 +457,7 @@ class InferenceDisplay(OfRecord[Inference]):
             rows.append((f"{places} eV", f"{what} of the density"))
         return [*rows, *super().summary()]
 
-    def ageing(self) -> Ageing:
+    def comparable(self) -> Comparable:
         def predict(
             load: float, temperature: float, hold_times: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray]:
@@ -466,7 +466,7 @@ class InferenceDisplay(OfRecord[Inference]):
             )
             return made.median, np.atleast_2d(np.cov(made.samples.T))
 
-        return Ageing(predict=predict)
+        return Comparable(predict=predict)
 
     def notes(self) -> list[str]:
         of_forecasts = (

@@ -393,14 +393,14 @@ class Pulled(Rupture, Drive):
         there = [
             one
             for one in results
-            if one.aging is not None and "pull_force" in one.aging.observables
+            if one.ageing is not None and "pull_force" in one.ageing.observables
         ]
         if figure == "pull-maps":
             _draw_maps(axes, there)
             return
         for result in there:
-            assert result.aging is not None
-            measured, times = result.aging.observables, result.aging.hold_times
+            assert result.ageing is not None
+            measured, times = result.ageing.observables, result.ageing.hold_times
             way = measured["pull_way"][0]
             force = measured["pull_force"].mean(axis=0)
             if len(there) > 1:
@@ -447,7 +447,7 @@ def _draw_maps(axes: Axes, results: Sequence[PlottedResult]) -> None:
     if not results:
         return
     measured: list[Any] = [
-        result.aging.observables for result in results if result.aging is not None
+        result.ageing.observables for result in results if result.ageing is not None
     ]
     parts = [_with_bonds(one["pull_maps"][0]) for one in measured]
     high, wide = (max(part.shape[axis] for part in parts) for axis in (2, 1))

@@ -156,11 +156,11 @@ class StudyPoint:
     @classmethod
     def of(cls, point: chemage.plugin.Point) -> StudyPoint:
         """Read a completed point of a sweep."""
-        aging = point.aging()
+        ageing = point.ageing()
         # the mean over replicas, of which a sweep has too many to keep
-        means = {name: one.mean(axis=0) for name, one in aging.observables.items()}
-        errors = aging.friction_drop_half_width
-        curves = aging.hold_times, aging.mean_friction_drop, errors
+        means = {name: one.mean(axis=0) for name, one in ageing.observables.items()}
+        errors = ageing.friction_drop_half_width
+        curves = ageing.hold_times, ageing.mean_friction_drop, errors
         summary = dict(point.summary)
         excess = summary["grid_area"] / summary["area"]
         summary["mean_contact_pressure"] /= excess

@@ -70,8 +70,8 @@ class LiveScene:
         if scene != self.scene:
             self.last = run(scene, warn=False, progress=False)
             self.scene = scene
-            aging: Any = self.last.aging
-            self.sites = max(1.0, float(aging.sites.mean()))
+            ageing: Any = self.last.ageing
+            self.sites = max(1.0, float(ageing.sites.mean()))
         return ", ".join(less)
 
     @property

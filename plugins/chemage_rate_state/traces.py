@@ -226,7 +226,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
         ``run`` has no slider, conditions change beside its speed, or in a ramp, its first slide does not become steady,
         or too few bonds form.
     """
-    seen = getattr(run.aging, "observables", {})
+    seen = getattr(run.ageing, "observables", {})
     if "step_speed" not in seen:
         raise InputError(
             f"{run.name}: no programme of slides; give [protocol] or [[step]] with speeds"
@@ -259,7 +259,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
             )
     if not speeds.any():
         raise InputError(f"{run.name}: no step has a speed")
-    first, times = int(np.argmax(speeds > 0)), run.aging.hold_times
+    first, times = int(np.argmax(speeds > 0)), run.ageing.hold_times
     number = np.repeat(np.arange(points.size), points)
     starts = times[np.unique(number, return_index=True)[1]]
     end = times[number == first][-1]
@@ -269,7 +269,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
     begins = np.append(times[kept][0], starts[first + 1 :])
     loading = Loading(begins, 1e-3 * speeds[first:])
     spring = run.scene.get("drive", {}).get("spring")
-    friction = run.aging.friction_drop.mean(axis=0)[kept] / loads[0]
+    friction = run.ageing.friction_drop.mean(axis=0)[kept] / loads[0]
     if stiffness is None and isinstance(spring, int | float):
         stiffness = 1e3 * float(spring) / loads[0]
     return Trace(run.name, times[kept], friction, loading, stiffness)

@@ -34,7 +34,7 @@ from chemage.plugin import (
     Task,
     TradePoint,
     Worker,
-    aging_of,
+    ageing_of,
     carry_out,
     checked_count,
     contact_of,
@@ -110,13 +110,13 @@ class Timed(Task):
                 distance = _distance(contact, _solution(worker, self.reference)[0])
             worker.stage = "ageing"
             _compile(scene, contact)
-            aging, ageing_seconds = timed(lambda: aging_of(scene, contact))
+            ageing, ageing_seconds = timed(lambda: ageing_of(scene, contact))
         run = Run(
             scene.todict(),
             contact,
-            aging=aging,
+            ageing=ageing,
             timings={"contact": contact_seconds, "ageing": ageing_seconds},
-            versions=versions(scene, (contact, aging)),
+            versions=versions(scene, (contact, ageing)),
         )
         return Outcome(run, text.jsonable({DISTRIBUTION: distance}))
 
@@ -143,7 +143,7 @@ def _compile(scene: Scene, contact: ContactSolution) -> None:
     table that a method of ageing makes once, is in no time."""
     form = f"{scene.form()} {scene.ageing!r}"
     if scene.ages and form not in _compiled:
-        aging_of(scene, contact, replicas=1)
+        ageing_of(scene, contact, replicas=1)
         _compiled.add(form)
 
 
@@ -371,20 +371,20 @@ class Mapper(Design):
 
     def _read(self, outcome: Outcome) -> _Timing:
         """From what a worker sends, or a folder has."""
-        summary, content, aging = outcome.summary, outcome.content, outcome.aging
+        summary, content, ageing = outcome.summary, outcome.content, outcome.ageing
         assert content is not None
         measures = outcome.measures | {DISTRIBUTION: content[DISTRIBUTION]}
         values = {
             name: np.array([value], dtype=np.float64)
             for name, value in measures.items()
         }
-        if aging is not None:
-            drop = np.asarray(aging.friction_drop, dtype=np.float64)
-            for k, at in enumerate(aging.hold_times.tolist()):
+        if ageing is not None:
+            drop = np.asarray(ageing.friction_drop, dtype=np.float64)
+            for k, at in enumerate(ageing.hold_times.tolist()):
                 values[_drop_at(at)] = drop[:, k]
             if summary["beta"] is not None:
                 fit = self.scene.fit
-                values[BETA] = aging.betas((fit.start, fit.stop))
+                values[BETA] = ageing.betas((fit.start, fit.stop))
         return _Timing(
             summary["timings"]["contact"], summary["timings"]["ageing"], values
         )

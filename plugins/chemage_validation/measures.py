@@ -28,14 +28,14 @@ def _groups(values: np.ndarray) -> np.ndarray:
 
 def beta(run: Run) -> np.ndarray:
     """Slope of Δμ per decade over the hold times of the scene's fit."""
-    assert run.aging is not None
-    return _groups(run.aging.betas(run.window)[:, None])
+    assert run.ageing is not None
+    return _groups(run.ageing.betas(run.window)[:, None])
 
 
 def drop(run: Run) -> np.ndarray:
     """Δμ at all hold times."""
-    assert run.aging is not None
-    return _groups(run.aging.friction_coefficient_drop)
+    assert run.ageing is not None
+    return _groups(run.ageing.friction_coefficient_drop)
 
 
 def _steady(run: Run) -> list[str]:
@@ -62,22 +62,22 @@ def unsteady(run: Run) -> str:
 
 def least_bonds(run: Run) -> np.ndarray:
     """Bonds just after the second load was set, and the least number under it."""
-    assert run.aging is not None
-    first = int(run.aging.observables["step_points"][0, 0])
-    later = run.aging.bonds[:, first:]
+    assert run.ageing is not None
+    first = int(run.ageing.observables["step_points"][0, 0])
+    later = run.ageing.bonds[:, first:]
     return _groups(np.stack([later[:, 0], later.min(axis=1)], axis=1))
 
 
 def activation(run: Run, warm: Run) -> np.ndarray:
     """Activation energy of the time in which a warmer contact reaches the friction of this one, kJ/mol."""
-    assert run.aging is not None
-    assert warm.aging is not None
-    times = np.log(run.aging.hold_times)
+    assert run.ageing is not None
+    assert warm.ageing is not None
+    times = np.log(run.ageing.hold_times)
     middle = times[len(times) // 2]
     found = []
     for cold, hot in zip(drop(run), drop(warm), strict=True):
         same = np.interp(np.interp(middle, times, cold), hot, times)
-        inverse = 1 / run.aging.temperature - 1 / warm.aging.temperature
+        inverse = 1 / run.ageing.temperature - 1 / warm.ageing.temperature
         found.append([MOLAR * KB * (middle - same) / inverse])
     return np.array(found)
 

@@ -25,7 +25,7 @@ def small() -> ca.Scene:
 def test_a_checkpointed_run_equals_a_plain_one(small: ca.Scene, tmp_path: Path):
     plain, kept = ca.run(small), ca.run(small, checkpoints=tmp_path / "kept")
     again = ca.run(small, checkpoints=tmp_path / "kept")
-    assert plain.aging == kept.aging == again.aging
+    assert plain.ageing == kept.ageing == again.ageing
     assert plain.contact == kept.contact
     assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == [
         "contact.h5", "replica-00000.h5", "replica-00001.h5", "replica-00002.h5",
@@ -139,17 +139,17 @@ def test_what_other_plugins_made_is_computed_again_and_said(small: ca.Scene, tmp
         with ca.plugin.registry.using(installed):
             with pytest.warns(UserWarning, match="would answer or change it|took part in the stages before"):
                 changed = ca.run(small, checkpoints=tmp_path)
-            assert changed.aging == ca.run(small).aging != plain.aging
+            assert changed.ageing == ca.run(small).ageing != plain.ageing
             again = ca.run(small, checkpoints=tmp_path)
-        assert again.aging == changed.aging
+        assert again.ageing == changed.ageing
         with pytest.warns(UserWarning, match="and is not installed|and now no plugin"):
             back = ca.run(small, checkpoints=tmp_path)
-        assert back.aging == plain.aging
+        assert back.ageing == plain.ageing
     idle = ca.plugin.registry.Registry()
     idle.register(Idle(), "idle")
     times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     with ca.plugin.registry.using(idle):
-        assert ca.run(small, checkpoints=tmp_path).aging == plain.aging
+        assert ca.run(small, checkpoints=tmp_path).ageing == plain.ageing
     assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
 
 
@@ -192,7 +192,7 @@ def test_killed_run_goes_on(small: ca.Scene, tmp_path: Path):
     after = {path.name: path.stat().st_mtime_ns for path in kept.glob("replica-*.h5")}
     assert {name: after[name] for name in before} == before
     whole = ca.run(ca.load_scene("silica-rough", {**SMALL, "hold.replicas": 8}))
-    assert ca.read(tmp_path / "silica-rough.h5").aging == whole.aging
+    assert ca.read(tmp_path / "silica-rough.h5").ageing == whole.ageing
 
 
 def test_histories_that_do_not_follow_are_refused(small: ca.Scene):

@@ -55,7 +55,7 @@ def uniform(pressure: float, shape=(40, 30), where=None) -> ca.ContactSolution:
     return ca.ContactSolution(pressure=values, load=load, pixel_size=math.sqrt(0.2), modulus=35.3)
 
 
-def aged(contact, own, **options) -> ca.Aging:
+def aged(contact, own, **options) -> ca.Ageing:
     fields = {"engine": ca.engine("rejection-free"), "temperature": 300.0, "hold_times": TIMES}
     return ca.age(contact, own, **{"method": ca.ageing_method("closure"), **fields, **options})
 
@@ -319,16 +319,16 @@ def test_errors_of_opposite_signs_early_and_late_are_in_that_of_beta():
     early = np.where(times < 50, 1.0, -1.0) * stated
     tilted = found.model_copy(update={"bonds": found.bonds * (1 + early)})
     shift = abs(tilted.fit(1.0, 1e3).beta / found.fit(1.0, 1e3).beta - 1)
-    run = ca.Run(scene={"fit": {"start": 1.0, "stop": 1e3}}, contact=uniform(1.7), aging=found)
+    run = ca.Run(scene={"fit": {"start": 1.0, "stop": 1e3}}, contact=uniform(1.7), ageing=found)
     assert run.beta_errors["closure"] == pytest.approx(shift, rel=1e-9)
     level = found.model_copy(update={"bonds": np.full_like(found.bonds, 500.0)})
-    settled = dataclasses.replace(run, aging=level)
+    settled = dataclasses.replace(run, ageing=level)
     (beta,) = (one for one in level.quantities((1.0, 1e3)) if one.name == "beta")
     assert (beta.value, settled.beta_errors) == (0.0, {})
     assert beta.errors["closure"].size > 0.001 * level.mean_friction_coefficient_drop[-1]
     assert beta.parts()[0][1] == f"{beta.errors['closure'].size:.4g}"
     several = aged(uniform(1.7), interacting(), method=None, replicas=3)
-    assert dataclasses.replace(run, aging=several).beta_errors == {}
+    assert dataclasses.replace(run, ageing=several).beta_errors == {}
 
 
 def test_bonds_do_not_depend_on_bond_force_and_grow_with_the_contact():

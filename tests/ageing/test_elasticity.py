@@ -58,11 +58,11 @@ NAMES = {
 
 @pytest.fixture
 def numbers(command, tmp_path):
-    """``numbers(aging)``: what ``chemage show --json`` says of pressures and shear stresses."""
+    """``numbers(ageing)``: what ``chemage show --json`` says of pressures and shear stresses."""
 
-    def numbers(aging: ca.Aging) -> dict[str, float]:
-        ca.write(tmp_path / "aging.h5", aging, force=True)
-        shown = json.loads(command("show", tmp_path / "aging.h5", "--json").out)
+    def numbers(ageing: ca.Ageing) -> dict[str, float]:
+        ca.write(tmp_path / "ageing.h5", ageing, force=True)
+        shown = json.loads(command("show", tmp_path / "ageing.h5", "--json").out)
         return {name: one["value"] for name, one in shown.items() if name in NAMES}
 
     return numbers
@@ -70,21 +70,21 @@ def numbers(command, tmp_path):
 
 @pytest.fixture
 def shown(command, tmp_path):
-    """``shown(aging)``: what ``chemage show --all`` says, in one line."""
+    """``shown(ageing)``: what ``chemage show --all`` says, in one line."""
 
-    def shown(aging: ca.Aging) -> str:
-        ca.write(tmp_path / "aging.h5", aging, force=True)
-        return " ".join(command("show", tmp_path / "aging.h5", "--all").out.split())
+    def shown(ageing: ca.Ageing) -> str:
+        ca.write(tmp_path / "ageing.h5", ageing, force=True)
+        return " ".join(command("show", tmp_path / "ageing.h5", "--all").out.split())
 
     return shown
 
 
 def test_a_tip_that_adhesion_holds_is_noted(contact, shown):
     """2πwR of 0.05 J/m² and 10 nm is 3.14 nN; JKR has 3/4 of it."""
-    aging = aged(contact, work_of_adhesion="50 mJ/m**2")
-    assert np.array_equal(aging.bonds, aged(contact).bonds)
-    assert aging.elasticity["pull_off_to_load"] == pytest.approx(2 * math.pi * 0.05 * 10 / 60)
-    assert "holds this sphere with up to 5.24 % of the load" in shown(aging)
+    ageing = aged(contact, work_of_adhesion="50 mJ/m**2")
+    assert np.array_equal(ageing.bonds, aged(contact).bonds)
+    assert ageing.elasticity["pull_off_to_load"] == pytest.approx(2 * math.pi * 0.05 * 10 / 60)
+    assert "holds this sphere with up to 5.24 % of the load" in shown(ageing)
     assert "holds this sphere" not in shown(aged(contact, work_of_adhesion=0.01))
 
 
@@ -106,7 +106,7 @@ def test_what_is_not_given_is_absent_and_not_zero(contact, numbers, shown):
     assert numbers(plain).keys() == {"mean_shear_stress"}
     assert "mean shear stress at 100 s" in shown(plain)
     assert "hardness" not in shown(plain)
-    assert ca.Run(scene={}, contact=contact, aging=plain).notes == ca.Run(scene={}, contact=contact).notes
+    assert ca.Run(scene={}, contact=contact, ageing=plain).notes == ca.Run(scene={}, contact=contact).notes
     unknown = plain.model_copy(update={"contact": {}})  # an ageing curve whose area is not known
     assert math.isnan(unknown.mean_shear_stress)
     assert numbers(unknown) == {}
@@ -117,7 +117,7 @@ def test_more_than_a_twentieth_is_noted(contact, shown):
     def notes(**limits):
         return [
             note
-            for note in ca.Run(scene={}, contact=contact, aging=aged(contact, **limits)).notes
+            for note in ca.Run(scene={}, contact=contact, ageing=aged(contact, **limits)).notes
             if "overestimates the pressure" in note or "shear strength" in note
         ]
 
@@ -141,7 +141,7 @@ def test_stored_results_keep_them_and_without_them_the_file_is_as_before(contact
 
     ca.write(tmp_path / "plain.h5", aged(contact))
     with h5py.File(tmp_path / "plain.h5") as file:
-        assert "elasticity" not in file["aging"].attrs
+        assert "elasticity" not in file["ageing"].attrs
 
 
 @pytest.mark.parametrize("wrong", [0, -1, "ten", "10 nN", True])

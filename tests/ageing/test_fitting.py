@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from chemage import Aging, InputError, Measurements, fit_aging
+from chemage import Ageing, InputError, Measurements, fit_ageing
 
 
 def line(beta, cutoff, t):
@@ -29,7 +29,7 @@ TIMES = np.geomspace(0.1, 1e4, 16)
 @pytest.mark.parametrize(("model", "shape"), [("line", line), ("curve", curve)])
 @pytest.mark.parametrize(("beta", "cutoff"), [(0.45, 0.7), (12.0, 3e-4), (1e-3, 50.0), (3.0, 1e-12)])
 def test_exact_data_give_back_what_they_were_made_with(model, shape, beta, cutoff):
-    fit = fit_aging(measured(TIMES, shape(beta, cutoff, TIMES)), model=model)
+    fit = fit_ageing(measured(TIMES, shape(beta, cutoff, TIMES)), model=model)
     assert fit.beta == pytest.approx(beta, rel=1e-6)
     # one that lies decades outside the hold times is no time at which strengthening begins
     assert fit.cutoff_time == pytest.approx(cutoff if cutoff > 1e-4 else math.nan, rel=1e-5, nan_ok=True)
@@ -41,7 +41,7 @@ def test_exact_data_give_back_what_they_were_made_with(model, shape, beta, cutof
 
 def test_what_rises_like_the_time_itself_has_no_cutoff_time():
     """log(1 + t/t_c) of a t_c far beyond the data."""
-    fit = fit_aging(measured(TIMES, 1e-3 * TIMES), model="curve")
+    fit = fit_ageing(measured(TIMES, 1e-3 * TIMES), model="curve")
     assert fit.log_cutoff == math.inf
 
 
@@ -49,8 +49,8 @@ def test_a_measurement_at_zero_counts_for_the_curve_and_not_for_the_line():
     t = np.append(0.0, TIMES)
     y = curve(0.5, 2.0, t)
     y[0] = 0.2
-    assert fit_aging(measured(t, y), model="line").points == TIMES.size
-    with_zero, without = (fit_aging(measured(t[k:], y[k:]), model="curve") for k in (0, 1))
+    assert fit_ageing(measured(t, y), model="line").points == TIMES.size
+    with_zero, without = (fit_ageing(measured(t[k:], y[k:]), model="curve") for k in (0, 1))
     assert with_zero.points == without.points + 1
     # a residual at t = 0 that no β and t_c can take away
     assert (with_zero.beta, with_zero.cutoff_time) == (pytest.approx(without.beta), pytest.approx(without.cutoff_time))
@@ -60,7 +60,7 @@ def test_a_measurement_at_zero_counts_for_the_curve_and_not_for_the_line():
 def test_the_window_chooses_the_hold_times_and_both_ends_belong_to_it():
     y = line(0.5, 1.0, TIMES)
     y[TIMES > 2e3] = 99.0
-    fit = fit_aging(measured(TIMES, y), window=(TIMES[3] * (1 + 1e-12), "1000 s"))
+    fit = fit_ageing(measured(TIMES, y), window=(TIMES[3] * (1 + 1e-12), "1000 s"))
     assert fit.points == np.count_nonzero((TIMES[3] <= TIMES) & (TIMES <= 1000))
     assert fit.beta == pytest.approx(0.5)
     assert fit.window == (pytest.approx(TIMES[3]), 1000.0)
@@ -72,8 +72,8 @@ def test_errors_weigh_the_rows():
     y[-1] += 3.0
     error = np.full(TIMES.size, 0.01)
     error[-1] = 100.0
-    assert fit_aging(measured(TIMES, y, error)).beta == pytest.approx(0.5, rel=1e-4)
-    assert fit_aging(measured(TIMES, y)).beta > 0.6
+    assert fit_ageing(measured(TIMES, y, error)).beta == pytest.approx(0.5, rel=1e-4)
+    assert fit_ageing(measured(TIMES, y)).beta > 0.6
 
 
 @pytest.mark.parametrize("kind", ["residuals", "pairs"])
@@ -83,7 +83,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
     trials, inside = 160, np.zeros(2)
     for _ in range(trials):
         y = shape(0.45, 5.0, TIMES) + generator.normal(0, 0.05, TIMES.size)
-        fit = fit_aging(measured(TIMES, y), model=model, bootstrap=kind, samples=400 if model == "line" else 200)
+        fit = fit_ageing(measured(TIMES, y), model=model, bootstrap=kind, samples=400 if model == "line" else 200)
         inside += [
             fit.beta_interval.low <= 0.45 <= fit.beta_interval.high,
             fit.cutoff_interval.low <= 5.0 <= fit.cutoff_interval.high,
@@ -93,11 +93,11 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty(model, shape, kind):
     assert (inside / trials < 0.99).all()
 
 
-def aging(bonds, **options):
+def ageing(bonds, **options):
     replicas = bonds.shape[0]
     fields = {"load": 100.0, "temperature": 300.0, "bond_force": 3.0} | options
     ones = np.full(replicas, 10**8)
-    return Aging(hold_times=TIMES, bonds=bonds.astype(np.int64), sites=ones, events=ones, **fields)
+    return Ageing(hold_times=TIMES, bonds=bonds.astype(np.int64), sites=ones, events=ones, **fields)
 
 
 def correlated(generator, replicas):
@@ -109,8 +109,8 @@ def correlated(generator, replicas):
 def test_replicas_are_drawn_whole_so_that_correlated_errors_count():
     generator, trials, inside = np.random.default_rng(4), 200, 0
     for _ in range(trials):
-        many = aging(correlated(generator, 8))
-        fit = fit_aging(many, window=("0.1 s", "1e4 s"), samples=400, bootstrap="replicas")
+        many = ageing(correlated(generator, 8))
+        fit = fit_ageing(many, window=("0.1 s", "1e4 s"), samples=400, bootstrap="replicas")
         assert fit.bootstrap == "replicas"
         inside += fit.beta_interval.low <= 4000 * 0.03 <= fit.beta_interval.high
     assert 0.90 < inside / trials < 0.99
@@ -126,8 +126,8 @@ def test_the_intervals_of_a_few_replicas_cover_what_they_say(replicas, model):
     for _ in range(trials):
         scale = generator.normal(1e6, 5e4, (replicas, 1))
         noise = generator.normal(0.0, 3e4, (replicas, TIMES.size))
-        fit = fit_aging(
-            aging(np.maximum(scale * shape(0.45, 5.0, TIMES) + noise, 0)), model=model, window=("10 s", "1e4 s")
+        fit = fit_ageing(
+            ageing(np.maximum(scale * shape(0.45, 5.0, TIMES) + noise, 0)), model=model, window=("10 s", "1e4 s")
         )
         inside += [
             fit.beta_interval.low <= 0.45 * 3e4 <= fit.beta_interval.high,
@@ -145,7 +145,7 @@ def test_the_intervals_of_a_few_measurements_cover_what_they_say(points, model):
     shape = line if model == "line" else curve
     for _ in range(trials):
         y = shape(0.45, 5.0, times) + generator.normal(0, error)
-        fit = fit_aging(measured(times, y, error), model=model)
+        fit = fit_ageing(measured(times, y, error), model=model)
         inside += [
             fit.beta_interval.low <= 0.45 <= fit.beta_interval.high,
             fit.cutoff_interval.low <= 5.0 <= fit.cutoff_interval.high,
@@ -154,38 +154,38 @@ def test_the_intervals_of_a_few_measurements_cover_what_they_say(points, model):
 
 
 def test_a_simulated_line_is_the_fit_of_ageing_itself():
-    one = aging(correlated(np.random.default_rng(1), 6))
-    own, fit = one.fit("10 s", "1e4 s"), fit_aging(one)
+    one = ageing(correlated(np.random.default_rng(1), 6))
+    own, fit = one.fit("10 s", "1e4 s"), fit_ageing(one)
     assert fit.beta == pytest.approx(own.beta, rel=1e-12)
     assert fit.cutoff_time == pytest.approx(own.cutoff_time, rel=1e-9)
     half = 0.5 * (fit.beta_interval.high - fit.beta_interval.low)
     # 95 % of Student's t with five degrees of freedom: 2.571 standard errors
     assert half == pytest.approx(2.571 * own.beta_stderr, rel=1e-3)
-    force = fit_aging(one, quantity="friction_drop")
+    force = fit_ageing(one, quantity="friction_drop")
     assert force.beta == pytest.approx(own.friction_rate, rel=1e-12)
     assert force.texts()[0].endswith("nN")
 
 
 def test_a_single_replica_has_no_error_and_says_so():
-    one = aging(correlated(np.random.default_rng(1), 1))
-    fit = fit_aging(one)
+    one = ageing(correlated(np.random.default_rng(1), 1))
+    fit = fit_ageing(one)
     assert math.isnan(fit.beta_stderr)
     assert math.isnan(fit.beta_interval.low)
     assert math.isnan(fit.cutoff_interval.high)
     assert fit.texts()[0].endswith("(one replica: no error)")
     assert fit.intervals_text() == "none: a single replica has no error"
     with pytest.raises(InputError, match="single curve"):
-        fit_aging(one, bootstrap="replicas")
+        fit_ageing(one, bootstrap="replicas")
 
 
 @pytest.mark.parametrize("kind", ["residuals", "pairs"])
 def test_the_scatter_of_simulated_hold_times_is_no_error(kind):
     with pytest.raises(InputError, match="share their bonds"):
-        fit_aging(aging(correlated(np.random.default_rng(1), 3)), bootstrap=kind)
+        fit_ageing(ageing(correlated(np.random.default_rng(1), 3)), bootstrap=kind)
 
 
 def test_an_interval_is_printed_by_its_ends_where_the_value_is_not_in_the_middle():
-    fit = fit_aging(aging(correlated(np.random.default_rng(1), 3)), bootstrap="replicas")
+    fit = fit_ageing(ageing(correlated(np.random.default_rng(1), 3)), bootstrap="replicas")
     low, high = fit.beta_interval.low, fit.beta_interval.high
     assert abs(low + high - 2 * fit.beta) > 0.05 * (high - low)
     found = [float(number) for number in re.search(r"\[(\S+), (\S+)\]", fit.beta_text()).groups()]
@@ -199,7 +199,7 @@ def test_an_interval_is_printed_by_its_ends_where_the_value_is_not_in_the_middle
 def test_replicas_that_are_all_equal_have_no_interval_and_say_so(slope, bootstrap):
     """Few bonds are equal by chance; an interval of no width would say that β is known exactly."""
     bonds = np.tile(np.rint(slope * np.log10(TIMES / 0.01)), (3, 1))
-    fit = fit_aging(aging(bonds), bootstrap=bootstrap)
+    fit = fit_ageing(ageing(bonds), bootstrap=bootstrap)
     assert np.isnan([fit.beta_interval.low, fit.beta_interval.high]).all()
     beta, b, cutoff = fit.texts()
     assert beta.startswith(f"{fit.beta:.4g} ")
@@ -215,8 +215,8 @@ def test_replicas_that_are_all_equal_have_no_interval_and_say_so(slope, bootstra
 def test_the_same_data_give_the_same_digits_and_the_seed_changes_them():
     y = line(0.5, 1.0, TIMES) + np.sin(TIMES)
     data = measured(TIMES, y)
-    assert fit_aging(data) == fit_aging(data)
-    first, second = (fit_aging(data, bootstrap="residuals", seed=seed).beta_interval for seed in (0, 1))
+    assert fit_ageing(data) == fit_ageing(data)
+    first, second = (fit_ageing(data, bootstrap="residuals", seed=seed).beta_interval for seed in (0, 1))
     assert first != second
 
 
@@ -224,7 +224,7 @@ def test_a_wider_confidence_gives_a_wider_interval():
     data = measured(TIMES, line(0.5, 1.0, TIMES) + 0.1 * np.sin(3 * TIMES))
     widths = []
     for confidence in (0.5, 0.9, 0.99):
-        interval = fit_aging(data, confidence=confidence).beta_interval
+        interval = fit_ageing(data, confidence=confidence).beta_interval
         widths.append(interval.high - interval.low)
     assert widths[0] < widths[1] < widths[2]
 
@@ -232,11 +232,11 @@ def test_a_wider_confidence_gives_a_wider_interval():
 @pytest.mark.parametrize("model", ["line", "curve"])
 def test_data_that_do_not_rise_have_no_cutoff_time(model):
     noise = np.random.default_rng(0).normal(0, 0.1, TIMES.size)
-    falling = fit_aging(measured(TIMES, -line(0.5, 1.0, TIMES) + noise), model=model)
+    falling = fit_ageing(measured(TIMES, -line(0.5, 1.0, TIMES) + noise), model=model)
     assert falling.beta < 0
     assert math.isnan(falling.cutoff_time)
     assert falling.texts()[2].startswith("undetermined")
-    flat = fit_aging(measured(TIMES, noise), model=model)
+    flat = fit_ageing(measured(TIMES, noise), model=model)
     assert flat.cutoff_interval.low == 0
     assert math.isinf(flat.cutoff_interval.high)
     # None, not NaN, where JSON is wanted
@@ -245,14 +245,14 @@ def test_data_that_do_not_rise_have_no_cutoff_time(model):
 
 @pytest.mark.parametrize(("cutoff", "side"), [(1e-5, "before"), (1e8, "after")])
 def test_a_cutoff_decades_outside_the_measurements_is_not_stated(cutoff, side):
-    fit = fit_aging(measured(TIMES, line(0.5, cutoff, TIMES)))
+    fit = fit_ageing(measured(TIMES, line(0.5, cutoff, TIMES)))
     assert fit.texts()[2] == f"undetermined: the fit meets zero more than 3 decades {side} the hold times"
     assert fit.todict()["cutoff_time"] is None
 
 
 def test_all_data_before_the_cutoff_only_bound_it_from_below():
     # Δμ in proportion to t: any cut-off time far beyond the last measurement does
-    fit = fit_aging(measured(TIMES, 1e-3 * TIMES), model="curve")
+    fit = fit_ageing(measured(TIMES, 1e-3 * TIMES), model="curve")
     assert not fit.cutoff_time < TIMES[-1]
     assert np.isfinite(fit.rms_residual)
 
@@ -272,21 +272,21 @@ def test_all_data_before_the_cutoff_only_bound_it_from_below():
 )
 def test_options_that_make_no_sense_are_named(options, message):
     with pytest.raises(InputError, match=message):
-        fit_aging(measured(TIMES, line(0.5, 1.0, TIMES)), **options)
+        fit_ageing(measured(TIMES, line(0.5, 1.0, TIMES)), **options)
 
 
 def test_a_coefficient_without_load_is_refused_with_the_remedy():
     with pytest.raises(InputError, match="quantity='friction_drop'"):
-        fit_aging(aging(correlated(np.random.default_rng(1), 3), load=0.0))
+        fit_ageing(ageing(correlated(np.random.default_rng(1), 3), load=0.0))
 
 
 def test_repeated_hold_times_are_repeated_measurements():
     t = np.repeat([1.0, 10.0, 100.0], 4)
     y = line(0.5, 0.1, t) + np.tile([0.1, -0.1, 0.05, -0.05], 3)
-    fit = fit_aging(measured(t, y))
+    fit = fit_ageing(measured(t, y))
     assert fit.beta == pytest.approx(0.5)
     assert fit.points == 12
-    pairs = fit_aging(measured(t, y), bootstrap="pairs", model="curve")
+    pairs = fit_ageing(measured(t, y), bootstrap="pairs", model="curve")
     assert pairs.beta_interval.low < pairs.beta < pairs.beta_interval.high
 
 
@@ -294,7 +294,7 @@ def test_b_is_the_slope_per_factor_e():
     """Δμ = b ln(t/t_c) of rate-and-state friction is the same line as β log10(t/t_c)."""
     t = np.geomspace(1, 1e4, 9)
     noise = np.random.default_rng(1).normal(0, 1e-3, t.size)
-    found = fit_aging(measured(t, 0.02 * np.log(t / 0.1) + noise))
+    found = fit_ageing(measured(t, 0.02 * np.log(t / 0.1) + noise))
     assert found.b == pytest.approx(0.02, abs=1e-3)
     assert found.b == found.beta / math.log(10)
     assert found.b_stderr / found.b == pytest.approx(found.beta_stderr / found.beta, rel=1e-12)
@@ -312,7 +312,7 @@ def simulated(probabilities, seed, replicas=10, sites=2000):
     rng = np.random.default_rng(seed)
     steps = np.append(np.diff(probabilities, prepend=0.0), 1 - probabilities[-1])
     bonds = rng.multinomial(sites, steps, size=replicas)[:, :-1].cumsum(axis=1)
-    return Aging(hold_times=HOLDS, bonds=bonds, sites=[sites] * replicas, load=100.0, temperature=300.0)
+    return Ageing(hold_times=HOLDS, bonds=bonds, sites=[sites] * replicas, load=100.0, temperature=300.0)
 
 
 HOLDS = 10.0 ** np.arange(-2, 5.01, 0.25)
@@ -331,7 +331,7 @@ def test_a_true_line_is_called_bent_as_rarely_as_is_said(replicas):
 def test_measurements_on_a_line_are_called_bent_as_rarely_as_is_said():
     rng = np.random.default_rng(3)
     bent = [
-        fit_aging(measured(TIMES, line(0.4, 0.1, TIMES) + 0.1 * rng.normal(size=TIMES.size))).bent for _ in range(400)
+        fit_ageing(measured(TIMES, line(0.4, 0.1, TIMES) + 0.1 * rng.normal(size=TIMES.size))).bent for _ in range(400)
     ]
     assert sum(bent) < 12
 
@@ -375,6 +375,6 @@ def test_a_saturating_curve_says_so_of_beta():
 def test_measurements_that_saturate_are_called_no_line():
     rng = np.random.default_rng(4)
     times = np.geomspace(5, 1e4, 14)
-    fit = fit_aging(measured(times, 1 - np.exp(-times / 10) + 0.02 * rng.normal(size=times.size)))
+    fit = fit_ageing(measured(times, 1 - np.exp(-times / 10) + 0.02 * rng.normal(size=times.size)))
     assert fit.bent
     assert fit.slope_from > 3 * fit.slope_to

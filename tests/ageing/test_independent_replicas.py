@@ -31,7 +31,7 @@ def contact_of(surface: int, fraction: float, side: int = 40) -> ca.ContactSolut
 
 def beta_and_drop(contact: ca.ContactSolution, engine: str = "rejection-free", **options) -> np.ndarray:
     """(2, replicas): β, and Δμ at the last hold time."""
-    aging = ca.age(
+    ageing = ca.age(
         contact,
         options.pop("chemistry", SILICA),
         engine=ca.engine(engine),
@@ -41,7 +41,7 @@ def beta_and_drop(contact: ca.ContactSolution, engine: str = "rejection-free", *
         threads=1,
         **options,
     )
-    drops = aging.friction_coefficient_drop
+    drops = ageing.friction_coefficient_drop
     return np.stack([np.polyfit(np.log10(TIMES), drops.T, 1)[0], drops[:, -1]])
 
 

@@ -136,7 +136,7 @@ def test_the_method_is_part_of_the_key_of_ageing_and_of_no_other(half):
         for part in ({}, {"ageing": {"kind": "half"}}, {"ageing": {"kind": "half", "share": 0.3}})
     )
     keys = [one.keys() for one in (plain, first, second)]
-    assert len({one["aging"] for one in keys}) == len({one["result"] for one in keys}) == 3
+    assert len({one["ageing"] for one in keys}) == len({one["result"] for one in keys}) == 3
     assert len({one["contact"] for one in keys}) == 1
     assert parse_scene(first.todict()) == first
     assert half in first.components()

@@ -163,14 +163,14 @@ def test_what_is_measured_must_be_what_is_declared(told, outputs, answer, said):
 def test_dimensions_units_and_descriptions_are_stored_and_read(told, tmp_path):
     run = ca.run(scene("slip", "barrier-spectrum", "pressure-spectrum"))
     ca.write(tmp_path / "a.h5", run)
-    again = ca.read(tmp_path / "a.h5").aging
-    assert again == run.aging
+    again = ca.read(tmp_path / "a.h5").ageing
+    assert again == run.ageing
     assert again.measured["bond_map"].output == Slip.outputs["bond_map"]
     assert again.measured["barriers_start"].unit == "1/eV"
-    ca.plugin.container.write(tmp_path / "a.npz", {"aging": run.aging}, compact=True)
-    assert ca.plugin.container.read(tmp_path / "a.npz", {"aging": ca.Aging})[0]["aging"] == run.aging
+    ca.plugin.container.write(tmp_path / "a.npz", {"ageing": run.ageing}, compact=True)
+    assert ca.plugin.container.read(tmp_path / "a.npz", {"ageing": ca.Ageing})[0]["ageing"] == run.ageing
     with h5py.File(tmp_path / "a.h5") as file:
-        stored = file["aging/observables/bond_energy"]
+        stored = file["ageing/observables/bond_energy"]
         assert (stored.attrs["units"], stored.attrs["long_name"]) == ("eV", Slip.outputs["bond_energy"].description)
 
 
@@ -179,7 +179,7 @@ def test_xarray_opens_them_with_their_dimensions(told, tmp_path):
     told.declare, told.answer = {"other": Output("x", "nm")}, {"other": np.arange(5.0)}
     run = ca.run(scene("slip", "told", "barrier-spectrum"))
     ca.write(tmp_path / "a.h5", run)
-    with xarray.open_dataset(tmp_path / "a.h5", group="aging/observables", engine="h5netcdf") as data:
+    with xarray.open_dataset(tmp_path / "a.h5", group="ageing/observables", engine="h5netcdf") as data:
         assert data.bond_map.dims == ("replica", "hold_time", "x", "y")
         assert data.bond_map.sizes == {"replica": 3, "hold_time": 8, "x": 24, "y": 28}
         assert data.bond_energy.dims == ("replica", "hold_time")
@@ -188,8 +188,8 @@ def test_xarray_opens_them_with_their_dimensions(told, tmp_path):
         assert data.barriers_start.dims == ("replica", "barrier")
         # another observable's dimension of this name has another length
         assert data.other.dims == ("replica", "x_5")
-        np.testing.assert_array_equal(data.bond_map, run.aging.observables["bond_map"])
-    with xarray.open_dataset(tmp_path / "a.h5", group="aging", engine="h5netcdf") as data:
+        np.testing.assert_array_equal(data.bond_map, run.ageing.observables["bond_map"])
+    with xarray.open_dataset(tmp_path / "a.h5", group="ageing", engine="h5netcdf") as data:
         assert data.bonds.dims == ("replica", "hold_time")
         assert "hold_time" in data.coords
 
@@ -197,21 +197,21 @@ def test_xarray_opens_them_with_their_dimensions(told, tmp_path):
 def test_an_observable_without_declaration_works_as_before(told, tmp_path):
     told.answer = {"count": lambda h: float(h.bonds[-1]), "all bonds": lambda h: h.bonds}
     run = ca.run(scene("told"))
-    assert run.aging.outputs == {}
+    assert run.ageing.outputs == {}
     ca.write(tmp_path / "a.h5", run)
-    assert ca.read(tmp_path / "a.h5").aging == run.aging
+    assert ca.read(tmp_path / "a.h5").ageing == run.ageing
     with h5py.File(tmp_path / "a.h5") as file:
-        assert "outputs" not in file["aging"].attrs
-        assert "units" not in file["aging/observables/count"].attrs
-    (count,) = [one for one in run.aging.quantities() if one.name == "observable.count"]
-    assert count.value == pytest.approx(run.aging.bonds[:, -1].mean())
+        assert "outputs" not in file["ageing"].attrs
+        assert "units" not in file["ageing/observables/count"].attrs
+    (count,) = [one for one in run.ageing.quantities() if one.name == "observable.count"]
+    assert count.value == pytest.approx(run.ageing.bonds[:, -1].mean())
 
 
 def test_outputs_that_do_not_belong_to_an_observable_are_refused(examples):
     with pytest.raises(InputError, match="outputs: 'y' does not belong to an observable"):
-        examples.aging(outputs={"y": Output().todict()})
+        examples.ageing(outputs={"y": Output().todict()})
     with pytest.raises(InputError, match="outputs: 'x' does not belong to an observable with dims"):
-        examples.aging(outputs={"x": Output().todict()})
+        examples.ageing(outputs={"x": Output().todict()})
 
 
 # -- states -----------------------------------------------------------------------------------------------------------
@@ -220,10 +220,10 @@ def test_outputs_that_do_not_belong_to_an_observable_are_refused(examples):
 def test_an_observable_that_asks_for_the_states_changes_no_other_result(told):
     plain, seen = ca.run(scene()), ca.run(scene("slip"))
     for name in ("bonds", "events", "sites"):
-        np.testing.assert_array_equal(getattr(plain.aging, name), getattr(seen.aging, name))
+        np.testing.assert_array_equal(getattr(plain.ageing, name), getattr(seen.ageing, name))
     area = seen.contact.pixel_size**2
-    bonds = seen.aging.observables["bond_map"].sum(axis=(2, 3)) * area
-    np.testing.assert_allclose(bonds, plain.aging.bonds, rtol=1e-12)
+    bonds = seen.ageing.observables["bond_map"].sum(axis=(2, 3)) * area
+    np.testing.assert_allclose(bonds, plain.ageing.bonds, rtol=1e-12)
 
 
 # -- the hook ---------------------------------------------------------------------------------------------------------
@@ -236,7 +236,7 @@ def test_a_hook_may_declare_what_it_measures(told):
             return {"gain": Output("hold_times", "nN", "gain").of(2.0 * history.bonds), "plain": 1.0}
 
     ca.plugin.registry.current().register(Hook(), "hook")
-    found = ca.run(scene()).aging
+    found = ca.run(scene()).ageing
     assert found.measured["gain"].output == Output(("hold_times",), "nN", "gain")
     assert found.measured["plain"].output is None
     np.testing.assert_array_equal(found.observables["gain"], 2 * found.bonds)
@@ -276,7 +276,7 @@ def two(told, tmp_path, monkeypatch):
 
 def test_show_and_json_have_them(two, command):
     shown = command("show", "a.h5").out
-    energy = two[0].aging.observables["bond_energy"][:, -1]
+    energy = two[0].ageing.observables["bond_energy"][:, -1]
     words = "sum of the breaking barriers of the bonds at 10000 s"
     line = next(line for line in shown.splitlines() if words in line)
     value = line.replace(words, "").split()[0]
@@ -288,14 +288,14 @@ def test_show_and_json_have_them(two, command):
     assert "8 x 24 x 28 values from " in command("show", "a.h5", "--all").out
     told = json.loads(command("show", "a.h5", "--json").out)
     assert told["observable.bond_energy"]["unit"] == "eV"
-    means = two[0].aging.observables["bond_energy"].mean(axis=0)
+    means = two[0].ageing.observables["bond_energy"].mean(axis=0)
     assert told["observable.bond_energy"]["value"] == pytest.approx(means)
     assert told["observable.bond_share"]["low"] <= told["observable.bond_share"]["value"]
     assert told["observables"]["bond_map"]["shape"] == [8, 24, 28]
     assert not {"bond_energy", "bond_share"} & told["observables"].keys()
-    ca.write("aging.h5", two[0].aging)
-    assert "8 x 24 x 28 values from " in command("show", "aging.h5", "--all").out
-    assert "values from" not in command("show", "aging.h5").out
+    ca.write("ageing.h5", two[0].ageing)
+    assert "8 x 24 x 28 values from " in command("show", "ageing.h5", "--all").out
+    assert "values from" not in command("show", "ageing.h5").out
 
 
 def test_compare_has_rows_of_them(two):
@@ -306,9 +306,9 @@ def test_compare_has_rows_of_them(two):
     assert rows[f"{energy} at the last hold time"][0].endswith(" eV")
     assert set(rows) >= {f"{energy} at 1 s", f"{energy} at 1000 s"}
     first, second = made.numbers()
-    assert first["observable.bond_share"] == pytest.approx(two[0].aging.observables["bond_share"].mean())
+    assert first["observable.bond_share"] == pytest.approx(two[0].ageing.observables["bond_share"].mean())
     assert second["observable.bond_share"] is None
-    energy = two[0].aging.observables["bond_energy"][:, -1].mean()
+    energy = two[0].ageing.observables["bond_energy"][:, -1].mean()
     assert first["at"][-1]["observable.bond_energy"] == pytest.approx(energy)
     lines = list(csv.DictReader(made.csv().splitlines()))
     assert float(lines[0]["observable.bond_energy at last (eV)"]) == pytest.approx(energy)
@@ -329,8 +329,8 @@ def test_a_sweep_has_columns_of_them(told, tmp_path):
     swept = ca.sweep({**scene("slip"), "sweep": grid}, out=tmp_path / "s")
     rows = list(csv.DictReader((tmp_path / "s" / "results.csv").read_text().splitlines()))
     for row, point in zip(rows, swept, strict=True):
-        assert point.aging() == ca.run(point.scene()).aging  # a sweep keeps it as JSON
-        seen = point.aging().measured
+        assert point.ageing() == ca.run(point.scene()).ageing  # a sweep keeps it as JSON
+        seen = point.ageing().measured
         assert float(row["observable.bond_share"]) == pytest.approx(seen["bond_share"].values.mean())
         assert float(row["last observable.bond_energy (eV)"]) == pytest.approx(seen["bond_energy"].values[:, -1].mean())
         assert float(row["last observable.bond_energy_half_width (eV)"]) > 0

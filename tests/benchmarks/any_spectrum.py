@@ -168,8 +168,8 @@ def aged(surface: ca.Surface, load: float) -> Any:
     scene: Any = ca.load_scene("silica-rough")
     times = ca.hold_times("10 s", "1e4 s", per_decade=4)
     contact = ca.solve_contact(scene.contact, surface, load)
-    aging = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=8)
-    return aging.fit("10 s", "1e4 s")
+    ageing = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=8)
+    return ageing.fit("10 s", "1e4 s")
 
 
 def predicted(values: Sequence[float]) -> tuple[float, float, float]:

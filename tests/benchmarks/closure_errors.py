@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import chemage as ca
-from chemage.ageing.aging import beta_parts
+from chemage.ageing.ageing import beta_parts
 from chemage.plugin import random, statistics
 from chemage_ageing import _table
 
@@ -246,14 +246,14 @@ def slope(curves: np.ndarray) -> Any:
     return curves[..., WINDOW] @ weights
 
 
-def closure(scene: Scene, folder: str) -> ca.Aging:
+def closure(scene: Scene, folder: str) -> ca.Ageing:
     """Ageing ``closure`` of a scene."""
     method = ca.ageing_method("closure", accuracy=0.02, folder=folder)
     fields: dict[str, Any] = {"temperature": scene.temperature, "hold_times": TIMES, "engine": ca.engine("auto")}
     return ca.age(scene.contact, scene.chemistry, method=method, **fields)
 
 
-METHODS: dict[str, Callable[[Scene, str], ca.Aging]] = {"closure": closure}
+METHODS: dict[str, Callable[[Scene, str], ca.Ageing]] = {"closure": closure}
 
 
 def measured(scene: Scene, method: str, folder: str, kind: str = "") -> dict[str, Any]:

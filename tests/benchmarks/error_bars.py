@@ -87,17 +87,17 @@ def expected_bonds(contact: ca.ContactSolution, kelvin: float = 300.0) -> np.nda
     return bonded_share(CHEMISTRY, kelvin, TIMES, contact.pressure.ravel()[contact.sites]).sum(axis=0)
 
 
-def aged(contact: ca.ContactSolution, replicas: int, seed: int, kelvin: float = 300.0, **more: Any) -> ca.Aging:
+def aged(contact: ca.ContactSolution, replicas: int, seed: int, kelvin: float = 300.0, **more: Any) -> ca.Ageing:
     engine = ca.engine("independent")
     common = {"hold_times": TIMES, "temperature": kelvin, "replicas": replicas, "seed": seed, "threads": 1}
     return ca.age(contact, CHEMISTRY, engine=engine, **common, **more)
 
 
-def with_bonds(like: ca.Aging, bonds: np.ndarray) -> ca.Aging:
+def with_bonds(like: ca.Ageing, bonds: np.ndarray) -> ca.Ageing:
     """An ageing curve with other replicas."""
     ones = np.full(len(bonds), max(float(like.sites.max()), float(np.max(bonds))))
     fields = {"load": like.load, "bond_force": like.bond_force, "front_factor": like.front_factor}
-    return ca.Aging(hold_times=like.hold_times, bonds=bonds, sites=ones, temperature=like.temperature, **fields)
+    return ca.Ageing(hold_times=like.hold_times, bonds=bonds, sites=ones, temperature=like.temperature, **fields)
 
 
 def _replicas(rng: np.random.Generator, trials: int, load: float, words: str) -> Iterable[Held]:
@@ -111,7 +111,7 @@ def _replicas(rng: np.random.Generator, trials: int, load: float, words: str) ->
         for _ in range(trials):
             one = with_bonds(drawn, drawn.bonds[first : first + count])
             first += count
-            fit = ca.fit_aging(one, window=WINDOW)
+            fit = ca.fit_ageing(one, window=WINDOW)
             yield Held(f"β and b, {words}, {count} replicas", within(fit.beta_interval, truth.beta))
             yield Held(f"cut-off time, {words}, {count} replicas", within(fit.cutoff_interval, truth.cutoff_time))
             away = np.abs(one.mean_friction_drop - one.bond_force * one.front_factor * bonds)
@@ -146,7 +146,7 @@ def skewed_replicas(rng: np.random.Generator, trials: int) -> Iterable[Held]:
     for count in COUNTS:
         for _ in range(trials):
             factor = np.exp(0.5 * rng.standard_normal((count, 1)) - 0.125)
-            fit = ca.fit_aging(with_bonds(like, factor * curve), window=WINDOW)
+            fit = ca.fit_ageing(with_bonds(like, factor * curve), window=WINDOW)
             truth = 1e6 * like.bond_force * like.front_factor / like.load
             yield Held(f"β, replicas very skewed, {count} replicas", within(fit.beta_interval, truth))
 
@@ -164,7 +164,7 @@ def measurements(rng: np.random.Generator, trials: int) -> Iterable[Held]:
                 noise = rng.exponential(1.0, points) - 1.0 if skewed else rng.standard_normal(points)
                 values = 0.45 * np.log10(times / 5.0) + error * noise
                 data = ca.Measurements("m", times, values, "friction_coefficient_drop", error)
-                fit = ca.fit_aging(data, model="line")
+                fit = ca.fit_ageing(data, model="line")
                 what = f"{'skewed' if skewed else 'normal'} errors, {points} points"
                 yield Held(f"β of measurements, {what}", within(fit.beta_interval, 0.45))
                 yield Held(f"cut-off time of measurements, {what}", within(fit.cutoff_interval, 5.0))
@@ -179,7 +179,7 @@ def bootstrap(rng: np.random.Generator, trials: int) -> Iterable[Held]:
             values = 0.45 * np.log10(times / 5.0) + 0.05 * rng.standard_normal(points)
             data = ca.Measurements("m", times, values, "friction_coefficient_drop")
             for kind in ("residuals", "pairs"):
-                fit = ca.fit_aging(data, model="line", bootstrap=kind, samples=1000, seed=int(rng.integers(2**31)))
+                fit = ca.fit_ageing(data, model="line", bootstrap=kind, samples=1000, seed=int(rng.integers(2**31)))
                 yield Held(f"bootstrap of {kind}, β, {points} points", within(fit.beta_interval, 0.45))
     like = aged(tip(50.0), 1, 0)
     scale = like.bond_force * like.front_factor / like.load
@@ -187,7 +187,7 @@ def bootstrap(rng: np.random.Generator, trials: int) -> Iterable[Held]:
         for _ in range(trials):
             factor = rng.normal(1e6, 5e4, (count, 1))
             bonds = factor * np.log10(TIMES / 1e-5) + rng.normal(0.0, 3e4, (count, TIMES.size))
-            fit = ca.fit_aging(
+            fit = ca.fit_ageing(
                 with_bonds(like, bonds),
                 window=WINDOW,
                 bootstrap="replicas",
@@ -238,10 +238,10 @@ def arrhenius(rng: np.random.Generator, trials: int) -> Iterable[Held]:
             yield Held(bar, within(found.energies[0].energy_interval, energy))
 
 
-def _of_share(kelvin: float, times: np.ndarray, share: np.ndarray) -> ca.Aging:
+def _of_share(kelvin: float, times: np.ndarray, share: np.ndarray) -> ca.Ageing:
     rows = np.atleast_2d(np.clip(share, 0, 1))
     given = {"load": 1e6, "bond_force": 1.0, "front_factor": 1.0, "temperature": float(kelvin)}
-    return ca.Aging(hold_times=times, bonds=1e6 * rows, sites=np.full(len(rows), 1e6), **given)
+    return ca.Ageing(hold_times=times, bonds=1e6 * rows, sites=np.full(len(rows), 1e6), **given)
 
 
 # -- surfaces ---------------------------------------------------------------------------------------------------------

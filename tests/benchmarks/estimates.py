@@ -149,16 +149,16 @@ def measure(base: str, changes: Mapping[str, Any]) -> dict[str, Any]:
 
     result = ca.run(scene, progress=report)
     used = time.process_time() - begin
-    ageing = time.process_time() - stages[("ageing", False)] if ("ageing", False) in stages else 0.0
-    aging, contact = result.aging, result.contact
-    sites = float(aging.sites.mean()) if aging is not None else float("nan")
-    events = float("nan") if aging is None or aging.events is None else float((aging.events / aging.sites).mean())
+    seconds = time.process_time() - stages[("ageing", False)] if ("ageing", False) in stages else 0.0
+    ageing, contact = result.ageing, result.contact
+    sites = float(ageing.sites.mean()) if ageing is not None else float("nan")
+    events = float("nan") if ageing is None or ageing.events is None else float((ageing.events / ageing.sites).mean())
     return {
         "planning": planning,
         "range": made.seconds_range,
         "seconds": (made.numbers.get("cpu_seconds", float("nan")), used),
-        "contact": (known.contact_cpu_seconds or float("nan"), used - ageing),
-        "ageing": (known.kinetics_cpu_seconds or float("nan"), ageing),
+        "contact": (known.contact_cpu_seconds or float("nan"), used - seconds),
+        "ageing": (known.kinetics_cpu_seconds or float("nan"), seconds),
         "memory": (made.numbers.get("memory", float("nan")), peak()),
         "events": (known.events or float("nan"), events),
         "area": (known.area_fraction or float("nan"), contact.area_fraction),

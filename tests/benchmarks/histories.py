@@ -59,7 +59,7 @@ def loads(pixels: int, count: int) -> None:
         singles += spent(lambda single=single: ca.run(single, threads=1, warn=False))[0]
     print(f"{count} loads on {pixels}²: programme {programme:.1f} s, single runs {singles:.1f} s of CPU")
     print(
-        f"bonds {run.aging.bonds[0, -1]}, contact {run.timings['contact']:.1f} s, steps {run.timings['ageing']:.1f} s"
+        f"bonds {run.ageing.bonds[0, -1]}, contact {run.timings['contact']:.1f} s, steps {run.timings['ageing']:.1f} s"
     )
 
 

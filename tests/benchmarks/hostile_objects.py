@@ -69,7 +69,7 @@ def good() -> dict[str, tuple[object, dict]]:
     run = ca.run(scene)
     ca.write("run.h5", run)
     chemistry, contact, lattice = ca.Chemistry(**hostile.CHEMISTRY), hostile.contact(), hostile.lattice()
-    aging, engine, times = run.aging, ca.engine("bkl"), hostile.TIMES
+    ageing, engine, times = run.ageing, ca.engine("bkl"), hostile.TIMES
     curve = {"load": 3.0, "temperature": 300.0, "hold_times": times, "values": [1.0, 2.0, 3.0], "errors": [0.1] * 3}
     maker = ca.surface("sphere", radius=30.0, pixels=16, pixel_size=0.5)
     history, kit = hostile.history("bkl"), {"hold_times": times, "temperature": 300.0, "seed": 1}
@@ -79,16 +79,16 @@ def good() -> dict[str, tuple[object, dict]]:
         "contact_modulus": {"young": 70.0, "poisson": 0.2, "counter_young": 70.0, "counter_poisson": 0.2},
         "open_maps": {"path": "run.h5"},
         "read": {"path": "run.h5", "maps": True},
-        "write": {"path": "other.h5", "result": aging, "force": True},
+        "write": {"path": "other.h5", "result": ageing, "force": True},
         "write_report": {"files": ["run.h5"], "out": "r.html", "measured": [], "force": True},
         "compare_files": {"files": ["run.h5", "run.h5"], "measured": ["measured.csv"], "times": [1.0, 100.0]},
         "read_measurements": {"path": "measured.csv"},
         "read_curves": {"path": "measured.csv", "load": 3.0, "temperature": 300.0, "relative_error": 0.1},
         "hold_times": {"start": 1.0, "stop": 10.0, "per_decade": 2},
         "age": {"contact": contact, "chemistry": chemistry, "engine": engine, "replicas": 1, **kit},
-        "fit_aging": {"data": aging, "model": "line", "window": (1e-3, 100.0), "samples": 100, "confidence": 0.9,
+        "fit_ageing": {"data": ageing, "model": "line", "window": (1e-3, 100.0), "samples": 100, "confidence": 0.9,
                       "seed": 0, "quantity": "friction_drop"},
-        "arrhenius": {"results": [aging, aging], "levels": [1.0], "window": (1e-3, 100.0)},
+        "arrhenius": {"results": [ageing, ageing], "levels": [1.0], "window": (1e-3, 100.0)},
         "load_scene": {"where": "silica-tip", "changes": {"contact.load": 2.0, "hold.temperature": 300.0}},
         "parse_scene": {"data": data, "source": "here"},
         "scene_data": {"where": "silica-tip"},
@@ -135,7 +135,7 @@ def good() -> dict[str, tuple[object, dict]]:
         "ContactSolution": contact.todict(),
         "ReactionLattice": lattice.todict(),
         "BondHistory": history.todict(),
-        "Aging": aging.todict(),
+        "Ageing": ageing.todict(),
         "Chemistry": dict(hostile.CHEMISTRY),
         "chemistry": dict(hostile.CHEMISTRY),
         "Scene": {name: getattr(scene, name) for name in type(scene).model_fields},

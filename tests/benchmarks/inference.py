@@ -94,11 +94,11 @@ def true_curve(
     assert chemistry is not None
     call: dict[str, Any] = {"engine": scene.engine, "hold_times": times, "temperature": temperature, "seed": seed}
     if chemistry.interaction is None:
-        aging = ca.age(contact, chemistry, method=ca.ageing_method("closure"), replicas=1, **call)
-        return aging.friction_drop[0], np.zeros(times.size)
+        ageing = ca.age(contact, chemistry, method=ca.ageing_method("closure"), replicas=1, **call)
+        return ageing.friction_drop[0], np.zeros(times.size)
     count = chemistry.sites_of(contact).sites.size
-    aging = ca.age(contact, chemistry, replicas=max(4, sites // count), **call)
-    return aging.mean_friction_drop, aging.friction_drop_stderr
+    ageing = ca.age(contact, chemistry, replicas=max(4, sites // count), **call)
+    return ageing.mean_friction_drop, ageing.friction_drop_stderr
 
 
 def measured(

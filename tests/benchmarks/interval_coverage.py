@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "ageing"))
 from test_independent_replicas import SILICA, beta_and_drop, contact_of, correlation
 
 import chemage as ca
-from chemage import Aging, Measurements, fit_aging
+from chemage import Ageing, Measurements, fit_ageing
 from chemage.ageing.models import Model
 
 TRIALS = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
@@ -38,8 +38,8 @@ def replicas_covered(model: Model, replicas: int, trials: int) -> np.ndarray:
         scale = generator.normal(1e6, 5e4, (replicas, 1))
         bonds = scale * shape(model, TIMES) + generator.normal(0.0, 3e4, (replicas, TIMES.size))
         bonds = np.rint(np.maximum(bonds, 0)).astype(np.int64)
-        aging = Aging(hold_times=TIMES, bonds=bonds, sites=ones, events=ones, load=3.0, temperature=300.0)
-        fit = fit_aging(aging, model=model, window=("10 s", "1e4 s"))
+        ageing = Ageing(hold_times=TIMES, bonds=bonds, sites=ones, events=ones, load=3.0, temperature=300.0)
+        fit = fit_ageing(ageing, model=model, window=("10 s", "1e4 s"))
         inside += held(fit, BETA * 1e6)
     return inside / trials
 
@@ -51,7 +51,7 @@ def measurements_covered(model: Model, points: int, trials: int) -> np.ndarray:
     for _ in range(trials):
         values = shape(model, times) + generator.normal(0, error)
         data = Measurements("m", times, values, "friction_coefficient_drop", error)
-        inside += held(fit_aging(data, model=model), BETA)
+        inside += held(fit_ageing(data, model=model), BETA)
     return inside / trials
 
 
@@ -66,7 +66,7 @@ def means_covered(replicas: int, trials: int) -> tuple[float, float]:
     """Share of runs of the kinetics whose intervals of β and of Δμ at the last hold time hold the mean of all runs."""
     contact = contact_of(0, 0.7, side=20)
     times = np.geomspace(10.0, 1e4, 7)
-    aging = ca.age(
+    ageing = ca.age(
         contact,
         SILICA,
         engine=ca.engine("rejection-free"),
@@ -74,12 +74,12 @@ def means_covered(replicas: int, trials: int) -> tuple[float, float]:
         temperature=300.0,
         replicas=replicas * trials,
     )
-    truth = aging.fit()
-    mean, inside = aging.mean_friction_coefficient_drop[-1], np.zeros(2)
-    for group in np.split(aging.bonds, trials):
+    truth = ageing.fit()
+    mean, inside = ageing.mean_friction_coefficient_drop[-1], np.zeros(2)
+    for group in np.split(ageing.bonds, trials):
         ones = np.full(replicas, group.max())
-        one = Aging(
-            hold_times=times, bonds=group, sites=ones, events=ones, load=aging.load, temperature=300.0, bond_force=3.0
+        one = Ageing(
+            hold_times=times, bonds=group, sites=ones, events=ones, load=ageing.load, temperature=300.0, bond_force=3.0
         )
         fit = one.fit()
         drop = one.mean_friction_coefficient_drop[-1]

@@ -269,13 +269,13 @@ def reference() -> str:
 
             lattice, build, _ = timed(lambda contact=contact: silica.on(contact, seed=0), 1)
             _, run, _ = timed(lambda e=engine, x=lattice: e.run(x, TIMES, temperature=300, seed=0), 1)
-            aging, cpu, wall = timed(age, 1)
+            ageing, cpu, wall = timed(age, 1)
             rows.append(
                 [
                     load,
                     kind,
-                    f"{int(aging.sites[0])}",
-                    f"{int(aging.events.sum())}",
+                    f"{int(ageing.sites[0])}",
+                    f"{int(ageing.events.sum())}",
                     f"{build:.2f}",
                     f"{run:.2f}",
                     f"{cpu:.2f}",

@@ -95,7 +95,7 @@ def measure(pixels: int) -> dict[str, Any]:
     return {
         "pixels": pixels,
         "area_fraction": run.contact.area_fraction,
-        "sites": int(run.aging.sites[0]) if run.aging else 0,
+        "sites": int(run.ageing.sites[0]) if run.ageing else 0,
         "iterations": run.contact.iterations,
         "transforms": convergence["transforms"],
         "cpu_seconds": {stage: round(value, 2) for stage, value in used.items() if stage not in ("start", "end")},

@@ -29,11 +29,11 @@ def after_the_step(share: float, first: float, then: float, breaking: float, rep
     data["hold"] = {"replicas": replicas, "temperature": 300}
     data["chemistry"] = {**data.get("chemistry", {}), **chemistry}
     steps = [{"duration": first}, {"load": f"{share * PRESSURE:g} MPa", "duration": then, "points": 60}]
-    aging = ca.run({**data, "step": steps}, warn=False).aging
-    seen = aging.observables
-    own = np.arange(aging.hold_times.size) >= int(seen["step_points"][0, 0])
-    times = aging.hold_times[own] - aging.hold_times[own][0]
-    return times, aging.bonds[:, own].astype(float), seen["step_lost"][:, 1]
+    ageing = ca.run({**data, "step": steps}, warn=False).ageing
+    seen = ageing.observables
+    own = np.arange(ageing.hold_times.size) >= int(seen["step_points"][0, 0])
+    times = ageing.hold_times[own] - ageing.hold_times[own][0]
+    return times, ageing.bonds[:, own].astype(float), seen["step_lost"][:, 1]
 
 
 def main() -> None:

@@ -442,7 +442,7 @@ def chemage_9() -> Answers:
             "step": [{"duration": FIRST}, {"load": 5_000.0, "duration": SECOND}],
         }
     )
-    seen = ca.run(scene).aging.observables
+    seen = ca.run(scene).ageing.observables
     before, kept = seen["bonds_0"], seen["bonds_0"] - seen["step_lost"][:, 1]
     found = mean_of(("before", "kept", "gained"), np.transpose([before, kept, seen["bonds_1"] - kept]))
     # sums over pixels differ from the integrals by up to that

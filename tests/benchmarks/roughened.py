@@ -41,8 +41,8 @@ def measured(scene: ca.Scene, surface: ca.Surface) -> dict[str, float]:
     """Contact and ageing of ``surface`` at the load and the chemistry of ``scene``."""
     contact = ca.solve_contact(scene.contact, surface, scene.load)
     times = ca.hold_times("10 s", "1e4 s", per_decade=4)
-    aging = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=10)
-    fit = aging.fit("10 s", "1e4 s")
+    ageing = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=10)
+    fit = ageing.fit("10 s", "1e4 s")
     return {
         "rms_slope": surface.rms_slope,
         "area_fraction": contact.area_fraction,

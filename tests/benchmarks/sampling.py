@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage import Aging, ContactSolution, age, load_scene, make_surface, solve_contact
+from chemage import Ageing, ContactSolution, age, load_scene, make_surface, solve_contact
 from chemage.plugin import fromdict, statistics
 
 REPETITIONS, REPLICAS, TRUTH = 400, 10, 400
@@ -28,7 +28,7 @@ def contact_of(**changes: Any) -> tuple[Any, ContactSolution]:
     return scene, solve_contact(scene.contact, make_surface(scene.surface, scene.surface_seed), scene.load)
 
 
-def aged(scene: Any, contact: ContactSolution, replicas: int, seed: int, **sample: Any) -> tuple[Aging, float]:
+def aged(scene: Any, contact: ContactSolution, replicas: int, seed: int, **sample: Any) -> tuple[Ageing, float]:
     """The ageing at every decade, and its CPU seconds; of a sample where its options are given."""
     method = fromdict("ageing", {"kind": "sample", **sample}) if sample else None
     begin = time.process_time()

@@ -62,9 +62,9 @@ def measured(seed: int) -> list[ca.MeasuredCurve]:
         scene = ca.parse_scene(ca.plugin.override(SCENE, {"contact.load": load}))
         contact = ca.solve_contact(scene.solver, ca.make_surface(scene.surface), load)
         call = {"engine": scene.engine, "hold_times": TIMES, "temperature": kelvin, "replicas": 1}
-        aging = ca.age(contact, check_scene(scene), method=ca.ageing_method("closure"), **call)
-        errors = np.hypot(0.03 * aging.friction_drop[0], 0.2)
-        values = aging.friction_drop[0] + errors * rng.standard_normal(TIMES.size)
+        ageing = ca.age(contact, check_scene(scene), method=ca.ageing_method("closure"), **call)
+        errors = np.hypot(0.03 * ageing.friction_drop[0], 0.2)
+        values = ageing.friction_drop[0] + errors * rng.standard_normal(TIMES.size)
         name = f"{load:g} nN, {kelvin:g} K"
         call = {"name": name, "load": load, "temperature": kelvin, "hold_times": TIMES}
         curves.append(ca.MeasuredCurve(values=values, errors=errors, **call))

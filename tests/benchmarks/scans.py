@@ -167,8 +167,8 @@ def betas(truth: dict[str, float], maker: Any, true: Any) -> float:
 
     def beta(surface: Any) -> float:
         contact = ca.solve_contact(scene.contact, surface, load)
-        aging = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=32)
-        return aging.fit("10 s", "1e4 s").beta
+        ageing = ca.age(contact, scene.chemistry, engine=scene.engine, hold_times=times, temperature=300.0, replicas=32)
+        return ageing.fit("10 s", "1e4 s").beta
 
     rough = ca.surface(
         "roughened",

@@ -20,7 +20,7 @@ import chemage as ca
 TIMES = np.logspace(-2, 4, 19)
 
 
-def aged(weights: np.ndarray, load: float, replicas: int, seed: int) -> ca.Aging:
+def aged(weights: np.ndarray, load: float, replicas: int, seed: int) -> ca.Ageing:
     """Replicas of independent sites on the tip of the scene."""
     scene = ca.parse_scene(SCENE)
     contact = ca.solve_contact(scene.solver, ca.make_surface(scene.surface), load)

@@ -62,7 +62,7 @@ def repeated(contact: ca.ContactSolution, factor: int) -> ca.ContactSolution:
     return contact.model_copy(update={"pressure": pressure, "pixel_size": contact.pixel_size / factor, "gap": None})
 
 
-def aged(scene: ca.Scene, contact: ca.ContactSolution) -> ca.Aging:
+def aged(scene: ca.Scene, contact: ca.ContactSolution) -> ca.Ageing:
     """Its ageing, with all random numbers in common."""
     assert scene.chemistry is not None
     assert scene.engine is not None

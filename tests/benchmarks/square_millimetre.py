@@ -51,15 +51,15 @@ def main(celsius: list[float]) -> None:
             begin = time.process_time()
             ca.run(scene)
             again = time.process_time() - begin
-        assert done.aging is not None
-        (beta,) = (one for one in done.aging.quantities(done.window) if one.name == "beta")
+        assert done.ageing is not None
+        (beta,) = (one for one in done.ageing.quantities(done.window) if one.name == "beta")
         b, closure = beta.value / math.log(10), 1.96 * beta.errors["closure"].size / math.log(10)
         area = done.contact.approximate[0]["declared_error"]
         half = math.hypot(closure, area * b)
         print(
             f"{kelvin - 273.15:g} °C: b {b:.4f} [{b - half:.4f}, {b + half:.4f}]",
             f"(closure ± {closure:.4f}, area ± {area:.1%});",
-            f"Δμ {done.aging.mean_friction_coefficient_drop[-1]:.3f} in the end;",
+            f"Δμ {done.ageing.mean_friction_coefficient_drop[-1]:.3f} in the end;",
             f"{first:.0f} CPU s, again {again:.2f};",
             *(f"{name} {seconds[name]:.0f} s, {events[name]:.1e} events;" for name in seconds),
             flush=True,

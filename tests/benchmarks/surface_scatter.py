@@ -63,8 +63,8 @@ def measured(setting: dict[str, float]) -> dict[str, float]:
         load = 1e-3 * setting["pressure"] * (pixels * 0.4518) ** 2
         contact = ca.contact("fft-bem", modulus="35.3 GPa").solve(maker.make(seed), load)
         engine = ca.engine("rejection-free")
-        aging = ca.age(contact, silica, engine=engine, hold_times=times, temperature=300.0, replicas=REPLICAS)
-        fit = aging.fit("10 s", "1e4 s")
+        ageing = ca.age(contact, silica, engine=engine, hold_times=times, temperature=300.0, replicas=REPLICAS)
+        fit = ageing.fit("10 s", "1e4 s")
         found.append((contact.area_fraction, contact.patches, fit.beta, fit.beta_stderr))
     area, patches, beta, noise = np.array(found).T
     between = max(0.0, float(beta.var(ddof=1) - np.mean(noise**2)))

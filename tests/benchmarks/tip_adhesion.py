@@ -23,7 +23,7 @@ def beta(radius: float, load: float, contact: dict[str, Any], tensile: bool = Tr
     changes |= {"hold.replicas": 40, "hold.temperature": 300.0, "chemistry.tensile_sites": tensile}
     changes["chemistry.site_density"] = "pixel"
     run: Any = ca.run(ca.load_scene("silica-tip", changes), warn=False)
-    return run.aging.fit().beta, run.contact.area
+    return run.ageing.fit().beta, run.contact.area
 
 
 def main() -> None:

@@ -42,8 +42,8 @@ def on_tip(parameters: np.ndarray) -> np.ndarray:
         energies, weights = (list(values) for values in FREE_END.nodes(*row.tolist()))
         density = {"forming.energies": energies, "forming.weights": weights}
         found = ca.run(ca.load_scene("silica-afm-tip", {**hold, **density}))
-        assert found.aging is not None
-        curves.append(found.aging.mean_friction_coefficient_drop)
+        assert found.ageing is not None
+        curves.append(found.ageing.mean_friction_coefficient_drop)
     return np.array(curves)[:, None]
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 import chemage as ca
 from chemage.ageing.fitting import DROPS
-from chemage.foundation.result import Ageing
+from chemage.foundation.result import Comparable
 from chemage.results.verdicts import AGREE, DIFFER, between, verdict
 
 TIMES = np.geomspace(0.1, 1e4, 11)
@@ -63,7 +63,7 @@ def pool(name: str, replicas: int = POOL, temperature: float = 300.0) -> np.ndar
 def run_of(curves: np.ndarray, name: str = "run") -> SimpleNamespace:
     """A run with these replicas."""
     curve = DROPS["friction_drop"].of_replicas(TIMES, curves)
-    return SimpleNamespace(name=name, ageing=Ageing(load=50.0), curves={"friction_drop": curve})
+    return SimpleNamespace(name=name, comparable=Comparable(load=50.0), curves={"friction_drop": curve})
 
 
 def chances(curves: np.ndarray, truth: np.ndarray, replicas: int, error: float, trials: int) -> np.ndarray:
@@ -76,7 +76,7 @@ def chances(curves: np.ndarray, truth: np.ndarray, replicas: int, error: float, 
         stated = error * values
         values = values + stated * rng.standard_normal(values.size)
         data = ca.Measurements("m", MEASURED, values, "friction_drop", stated, load=50.0)
-        found[trial] = verdict(data, "run", run.ageing, run.curves).chance
+        found[trial] = verdict(data, "run", run.comparable, run.curves).chance
     return found
 
 

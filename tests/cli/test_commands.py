@@ -144,7 +144,7 @@ def test_show_json_is_the_summary(command, result):
     assert {"hold_times", "beta_stderr"} & summary.keys() - told.keys()
 
 
-@pytest.mark.parametrize("name", ["surface", "contact", "aging"])
+@pytest.mark.parametrize("name", ["surface", "contact", "ageing"])
 def test_show_an_object_alone(command, result, name):
     thing = getattr(chemage.read(result), name)
     chemage.write("one.h5", thing)

@@ -205,12 +205,12 @@ def test_json_of_runs_and_means_has_value_unit_low_and_high_of_every_number(smal
 def test_json_of_a_contact_a_history_of_bonds_and_a_comparison(done, small, command):
     result = ca.read("small.h5")
     ca.write("contact.h5", result.contact)
-    ca.write("aging.h5", result.aging)
+    ca.write("ageing.h5", result.ageing)
     check_numbers(
         json.loads(command("show", "contact.h5", "--json").out), ("area", "kappa", "max_pressure", "pressures")
     )
-    check_numbers(json.loads(command("show", "aging.h5", "--json").out), ("beta", "area", "friction_drop"))
-    told = json.loads(command("compare", "small.h5", "aging.h5", "--json").out)
+    check_numbers(json.loads(command("show", "ageing.h5", "--json").out), ("beta", "area", "friction_drop"))
+    told = json.loads(command("compare", "small.h5", "ageing.h5", "--json").out)
     for one in told["results"]:
         check_numbers(one, ("beta", "area"))
         for moment in one["at"]:

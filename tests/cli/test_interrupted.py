@@ -134,7 +134,7 @@ def test_ctrl_c_while_drawing_keeps_the_result_and_says_so(command, small, monke
     done = command("run", small)
     assert done.status == 130
     assert "the result is in small.h5" in done.err
-    assert chemage.read("small.h5").aging.replicas == 3
+    assert chemage.read("small.h5").ageing.replicas == 3
 
 
 @pytest.mark.long
@@ -193,7 +193,7 @@ def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
     assert process.returncode == -signal.SIGKILL
     finish(process)
     if moment == "placed":
-        assert chemage.read(small.parent / "small.h5").aging.replicas == 3
+        assert chemage.read(small.parent / "small.h5").ageing.replicas == 3
         assert command("run", small, "--no-figures").status == 2  # it is there, whole, and kept
         assert command("run", small, "--no-figures", "--force").status == 0
     else:
@@ -202,7 +202,7 @@ def test_kill_9_leaves_no_file_or_a_complete_one(command, small, moment):
         assert all(re.fullmatch(r"\.small\.h5\..*\.part", name) for name in left)
         assert command("run", small, "--no-figures").status == 0
     assert names(small.parent) == ["small.h5", "small.toml"]
-    assert chemage.read("small.h5").aging.replicas == 3
+    assert chemage.read("small.h5").ageing.replicas == 3
 
 
 def test_the_temporary_file_of_a_living_process_is_left_alone(small):
@@ -288,7 +288,7 @@ def test_a_disk_that_fills_up_while_drawing_keeps_the_result(command, small, mon
     assert done.status == 2
     assert "No space left on device" in done.err
     assert "the result itself is in small.h5" in done.err
-    assert chemage.read("small.h5").aging.replicas == 3
+    assert chemage.read("small.h5").ageing.replicas == 3
     assert names(small.parent) == ["small.h5", "small.toml"]
     monkeypatch.setattr(FFTBEM, "_solve", lambda *_: pytest.fail("computed again"))
     done = command("run", small)

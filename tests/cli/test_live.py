@@ -78,11 +78,11 @@ def test_numbers_are_those_of_a_run_and_less_is_said_while_moving(page):
     model = LiveScene(override(scene_data("silica-tip")[0], {"hold.stop": "1 s"}))
     load = {"contact.load": "80 nN"}
     assert model.at(load, quick=True) == ""
-    whole, sites = model.last, model.last.aging.sites.mean()
+    whole, sites = model.last, model.last.ageing.sites.mean()
     less = model.at(load, quick=True)
     assert less == f"{int(1200 / sites)} of 200 replicas"
     assert model.at(load) == ""
-    assert model.last.aging.replicas == whole.aging.replicas == 200
+    assert model.last.ageing.replicas == whole.ageing.replicas == 200
     again = model.last
     assert model.at(load) == ""
     assert model.last is again
@@ -96,10 +96,10 @@ def test_while_moving_a_large_contact_has_larger_pixels_and_the_same_sites():
     model = LiveScene(data)
     assert model.at({}, quick=True) == "pixels 2 times larger"
     assert model.last.contact.shape == (625, 625)
-    sites = model.last.aging.sites.mean()
+    sites = model.last.ageing.sites.mean()
     assert model.at({}) == ""
     assert model.last.contact.shape == (1250, 1250)
-    assert sites == pytest.approx(model.last.aging.sites.mean(), rel=0.05)
+    assert sites == pytest.approx(model.last.ageing.sites.mean(), rel=0.05)
 
 
 def test_a_scene_that_is_refused_keeps_what_there_is():

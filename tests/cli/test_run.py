@@ -56,7 +56,7 @@ def test_json_is_one_object_with_every_number(command, small, monkeypatch):
     assert set(numbers) >= KEYS
     result = chemage.read("small.h5")
     assert numbers["area_fraction"]["value"] == result.contact.quantity("area_fraction").value
-    assert numbers["friction_drop"]["value"] == result.aging.mean_friction_drop.tolist()
+    assert numbers["friction_drop"]["value"] == result.ageing.mean_friction_drop.tolist()
     assert numbers["beta"]["value"] == result.fit().beta
     assert (numbers["solver"], numbers["engine"]) == ("fft-bem", "rejection-free")
     assert numbers["timings"].keys() == {"surface", "contact", "ageing"}
@@ -85,11 +85,11 @@ def test_seeds_decide_everything(command, small):
     }.items():
         assert command("run", small, *words, "--out", f"{name}.h5", "--no-figures").status == 0
     a, b, noise, rough = (chemage.read(f"{name}.h5") for name in ("a", "b", "noise", "rough"))
-    assert (a.surface, a.contact, a.aging) == (b.surface, b.contact, b.aging)
+    assert (a.surface, a.contact, a.ageing) == (b.surface, b.contact, b.ageing)
     assert a.contact == noise.contact
-    assert not np.array_equal(a.aging.bonds, noise.aging.bonds)
+    assert not np.array_equal(a.ageing.bonds, noise.ageing.bonds)
     assert a.surface != rough.surface
-    assert len({tuple(row) for row in a.aging.bonds.tolist()}) > 1, "replicas are all the same"
+    assert len({tuple(row) for row in a.ageing.bonds.tolist()}) > 1, "replicas are all the same"
 
 
 # -- what is there already ------------------------------------------------------------------------------------------
@@ -158,9 +158,9 @@ def test_a_file_the_scene_reads_is_never_its_output(command, small):
 
 def test_force_replaces_the_old_result_as_a_whole(command, small):
     assert command("run", small, "--no-figures").status == 0
-    first = chemage.read("small.h5").aging
+    first = chemage.read("small.h5").ageing
     assert command("run", small, "--no-figures", "--force", "--seed", 9).status == 0
-    assert chemage.read("small.h5").aging != first
+    assert chemage.read("small.h5").ageing != first
     assert sorted(p.name for p in small.parent.iterdir()) == ["small.h5", "small.toml"]
 
 

@@ -75,7 +75,7 @@ def test_what_cannot_be_plotted_is_explained(study, command, words, problem):
 
 
 def test_options_of_sweeps_are_not_for_files(study, command, tmp_path):
-    chemage.write(tmp_path / "one.h5", study[0].aging())
+    chemage.write(tmp_path / "one.h5", study[0].ageing())
     assert "--y is for sweeps, and one.h5 is a file" in command("plot", "one.h5", "--y", "beta").err
     (tmp_path / "other").mkdir()
     assert "other is not the folder of a sweep" in command("show", "other").err

@@ -177,12 +177,12 @@ def parsed(**changes: Any) -> Any:
 
 def test_tension_raises_barriers_and_a_pulled_contact_ages():
     run: Any = ca.run(parsed())
-    contact, aging = run.contact, run.aging
+    contact, ageing = run.contact, run.ageing
     assert contact.load == -5
     assert contact.carried == pytest.approx(-5, rel=1e-9)
-    assert aging.load == -5
-    assert np.isnan(aging.friction_coefficient_drop).all()
-    assert aging.bonds[:, -1].mean() > 0
+    assert ageing.load == -5
+    assert np.isnan(ageing.friction_coefficient_drop).all()
+    assert ageing.bonds[:, -1].mean() > 0
     chemistry = parsed().chemistry
     lattice, bare = chemistry.on(contact), chemistry.replace(activation_volume=0).on(contact)
     pressure = contact.pressure.ravel()[contact.sites]

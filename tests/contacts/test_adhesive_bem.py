@@ -223,7 +223,7 @@ def test_tips_adhere_in_a_scene():
     }
     run: Any = ca.run(ca.parse_scene(scene))
     assert run.contact.load == -3
-    assert run.aging.bonds.shape[0] == 2
+    assert run.ageing.bonds.shape[0] == 2
 
 
 @pytest.mark.parametrize("start", ["apart", "contact"])

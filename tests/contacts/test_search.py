@@ -158,10 +158,10 @@ def test_a_scene_keeps_what_was_asked_and_its_result_what_was_found(tmp_path: Pa
     assert stored.contact.quantity("load") == run.contact.quantity("load")
     assert any("3 GPa asked for" in note for note in stored.notes)
     assert ca.run(scene).contact == run.contact
-    assert run.aging is not None
+    assert run.ageing is not None
     plain = ca.run(ca.load_scene("silica-tip", {**SOUGHT, "contact.load": run.contact.load}))
-    assert plain.aging is not None
-    assert np.array_equal(plain.aging.bonds, run.aging.bonds)
+    assert plain.ageing is not None
+    assert np.array_equal(plain.ageing.bonds, run.ageing.bonds)
 
 
 def test_check_says_what_is_sought_and_what_it_costs(command, tmp_path):

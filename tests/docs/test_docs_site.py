@@ -102,7 +102,7 @@ def test_the_file_format_lists_every_array_with_its_dimensions_and_unit():
     groups = {
         "surface": ca.Surface,
         "contact": ca.ContactSolution,
-        "aging": ca.Aging,
+        "ageing": ca.Ageing,
         "lattice": ca.ReactionLattice,
         "history": ca.plugin.BondHistory,
     }

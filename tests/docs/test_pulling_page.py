@@ -29,7 +29,7 @@ def test_the_table_of_speeds_is_what_its_scene_gives(column):
     assert all(f"`{name.removeprefix('hold.')} = " in PAGE for name in hold)
     law = {**blocks[0]["rupture"], "speed": SPEEDS[column]}
     result = ca.run(ca.load_scene("silica-afm-tip", {**hold, "rupture": law}))
-    drop = result.aging.friction_coefficient_drop.mean(axis=0)
+    drop = result.ageing.friction_coefficient_drop.mean(axis=0)
     # what is printed, and the events that another processor may order otherwise
     assert drop[0] == pytest.approx(TABLE["Δμ after 0.1 s"][column], abs=0.015)
     assert drop[-1] == pytest.approx(TABLE["Δμ after 100 s"][column], abs=0.03)

@@ -118,13 +118,13 @@ def test_the_page_shows_what_its_commands_print(name, count, command, tmp_path, 
     assert not wrong, "\n".join(wrong)
     if name != "tutorial":
         return
-    aging = ca.read("silica-rough.h5").aging
+    ageing = ca.read("silica-rough.h5").ageing
     texts = re.search(
         r"is (\S+) after 10 s, (\S+) after 100 s and (\S+) after 1000 s", page.replace("\n", " ")
     ).groups()
     for time, text in zip((10, 100, 1000), texts, strict=True):
-        at = int(np.argmin(abs(aging.hold_times - time)))
-        half = aging.friction_coefficient_drop_half_width[at]
-        assert aging.mean_friction_coefficient_drop[at] == pytest.approx(
+        at = int(np.argmin(abs(ageing.hold_times - time)))
+        half = ageing.friction_coefficient_drop_half_width[at]
+        assert ageing.mean_friction_coefficient_drop[at] == pytest.approx(
             float(text), abs=2 * math.sqrt(2) * half + 0.005
         )

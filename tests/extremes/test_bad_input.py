@@ -280,10 +280,10 @@ def _broken(folder, result, kind):
         file.write_bytes(whole)
         with h5py.File(file, "r+") as opened:
             opened.attrs["chemage_format"] = 99
-    elif kind in ("contact", "aging", "surface"):
+    elif kind in ("contact", "ageing", "surface"):
         file.write_bytes(whole)
         with h5py.File(file, "r+") as opened:
-            del opened[{"contact": "contact", "aging": "aging/bonds", "surface": "surface/heights"}[kind]]
+            del opened[{"contact": "contact", "ageing": "ageing/bonds", "surface": "surface/heights"}[kind]]
     elif kind == "json":
         file.write_bytes(whole)
         with h5py.File(file, "r+") as opened:
@@ -300,7 +300,7 @@ def _broken(folder, result, kind):
 
 @pytest.mark.parametrize("verb", ["show", "plot"])
 def test_a_result_that_cannot_be_read(command, small, result, verb):
-    kinds = "missing folder truncated header empty text newer contact aging surface json wrong alien"
+    kinds = "missing folder truncated header empty text newer contact ageing surface json wrong alien"
     for kind in kinds.split():
         file = _broken(small.parent, result, kind)
         done = command(verb, file)

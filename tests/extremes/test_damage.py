@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 import chemage
-from chemage import Aging, ContactSolution, ReactionLattice, Surface
+from chemage import Ageing, ContactSolution, ReactionLattice, Surface
 from chemage.plugin import BondHistory
 from chemage.foundation import container
 from chemage.studies.folder import Folder
@@ -38,12 +38,12 @@ contact = ContactSolution(pressure=pressure, load=3.0, pixel_size=0.5, modulus=3
                           convergence={"history": [[0.1, 0.01]]}, provenance={"kind": "by-hand"})
 history = BondHistory(hold_times=[0.1, 1.0], bonds=[1, 2], formed=[1, 3], broken=[0, 1], state=[True, True, False],
                       time=1.0, temperature=300.0, engine="by-hand", resume={"words": np.arange(9, dtype=np.uint64)})
-aging = Aging(hold_times=[0.1, 1.0, 10.0], bonds=[[1, 2, 3], [0, 2, 2]], sites=[4, 4], events=[9, 9], load=3.0,
+ageing = Ageing(hold_times=[0.1, 1.0, 10.0], bonds=[[1, 2, 3], [0, 2, 2]], sites=[4, 4], events=[9, 9], load=3.0,
               temperature=300.0, engine="by-hand", observables={"map": rng.random((2, 3, 4))})
 lattice = ReactionLattice(pixels=(4, 4), sites=[0, 1, 5], forming=[1.0, 0.9, 0.8],
                           neighbours=[[1], [0], [-1]], coupling=[[0.1], [0.1], [0.0]])
 surface = Surface(heights=rng.normal(size=(12, 9)), pixel_size=0.5)
-point = {"status": "done", "point": 3, "changes": {"contact.load": 3.0}, "summary": {"beta": 1 / 3}, "aging": None}
+point = {"status": "done", "point": 3, "changes": {"contact.load": 3.0}, "summary": {"beta": 1 / 3}, "ageing": None}
 grid = {"axes": [{"paths": ["hold.seed"], "values": [[0], [1]]}], "base": {"name": "x"}, "source": "x.toml"}
 manifest = {"format": 2, "digest": "0" * 32, "versions": {"chemage": "0.2.0"}, "grid": grid, "resolved": [[[0], [1]]],
             "units": {}, "contacts": ["a" * 32], "contact_of": [0, 0], "keys": ["b" * 32, "c" * 32]}
@@ -91,7 +91,7 @@ def state_and_point():
 
 
 WAYS = {
-    "aging": stored(aging), "contact": stored(contact), "history": stored(history), "lattice": stored(lattice),
+    "ageing": stored(ageing), "contact": stored(contact), "history": stored(history), "lattice": stored(lattice),
     "surface": stored(surface), "checkpoint": (checkpoint, read_checkpoint),
     "contact of a sweep": in_sweep(sweep.contact("aa"), keep_contact,
                                    lambda: sweep.read_contact("aa")),

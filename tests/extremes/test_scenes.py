@@ -34,7 +34,7 @@ def carried_out(small, *, drawn, **changes):
         look(result)
     chemage.write("x.h5", result, force=True)
     again = chemage.read("x.h5")
-    assert (again.surface, again.contact, again.aging) == (result.surface, result.contact, result.aging)
+    assert (again.surface, again.contact, again.ageing) == (result.surface, result.contact, result.ageing)
     return result
 
 
@@ -77,8 +77,8 @@ def heights(small, values, pixel_size=0.45, periodic=True, load="20 nN"):
 def test_no_load_is_a_contact_without_sites(small, command, drawn):
     result = carried_out(small, contact__load=0, drawn=drawn)
     assert (result.contact.sites.size, result.contact.patches) == (0, 0)
-    assert not result.aging.friction_drop.any()
-    assert np.isnan(result.aging.friction_coefficient_drop).all()
+    assert not result.ageing.friction_drop.any()
+    assert np.isnan(result.ageing.friction_coefficient_drop).all()
     summary = result.summary()
     assert set(summary["friction_drop"]) == {0.0}
     assert set(summary["friction_coefficient_drop"]) == {None}
@@ -119,8 +119,8 @@ def test_a_single_pixel(small):
     assert result.contact.shape == (1, 1)
     assert result.contact.area_fraction == 1
     assert result.contact.pressure[0, 0] == pytest.approx(1 / 0.45**2)
-    assert set(result.aging.sites) == {1}
-    assert result.aging.bonds.max() <= 1
+    assert set(result.ageing.sites) == {1}
+    assert result.ageing.bonds.max() <= 1
 
 
 @pytest.mark.parametrize(("pixels", "drawn"), cases(([1, 64], True), ([64, 1], False), ([33, 21], False), (47, True)))
@@ -186,7 +186,7 @@ def timed(small):
 @DRAWN
 def test_one_hold_time_and_one_replica(timed, drawn):
     result = carried_out(timed(10.0), drawn=drawn, hold__replicas=1)
-    assert result.aging.bonds.shape == (1, 1)
+    assert result.ageing.bonds.shape == (1, 1)
     summary = result.summary()
     assert summary["friction_drop_stderr"] == [None]
     assert summary["beta"] is None
@@ -195,14 +195,14 @@ def test_one_hold_time_and_one_replica(timed, drawn):
 @DRAWN
 def test_hold_time_zero_has_no_bonds(timed, drawn):
     result = carried_out(timed(0.0), drawn=drawn)
-    assert not result.aging.bonds.any()
+    assert not result.ageing.bonds.any()
 
 
 @DRAWN
 def test_zero_is_a_hold_time_among_others_and_a_time_may_come_twice(timed, drawn):
     result = carried_out(timed(0.0, 10.0, 10.0, 1000.0), drawn=drawn)
-    assert not result.aging.bonds[:, 0].any()
-    assert np.array_equal(result.aging.bonds[:, 1], result.aging.bonds[:, 2])
+    assert not result.ageing.bonds[:, 0].any()
+    assert np.array_equal(result.ageing.bonds[:, 1], result.ageing.bonds[:, 2])
     assert result.fit() is not None
 
 
@@ -218,7 +218,7 @@ def test_a_fit_window_without_hold_times_gives_no_beta(small, drawn):
 @DRAWN
 def test_ages_of_the_universe_and_great_heat(timed, drawn):
     result = carried_out(timed(1e-15, 4e17), hold__temperature=3000, breaking=None, drawn=drawn)
-    assert np.array_equal(result.aging.bonds[:, 1], result.aging.sites)
+    assert np.array_equal(result.ageing.bonds[:, 1], result.ageing.sites)
 
 
 # -- what is left out is not modelled --------------------------------------------------------------------------------
@@ -236,10 +236,10 @@ def test_without_interaction_there_is_no_neighbour_list(small, drawn):
 @DRAWN
 def test_without_breaking_bonds_last(small, drawn):
     result = carried_out(small, breaking=None, interaction=None, drawn=drawn)
-    bonds = result.aging.bonds
+    bonds = result.ageing.bonds
     assert (np.diff(bonds, axis=1) >= 0).all()
-    assert np.array_equal(result.aging.events, bonds[:, -1])
-    with_breaking = chemage.run(load_scene(small, {"interaction": None})).aging
+    assert np.array_equal(result.ageing.events, bonds[:, -1])
+    with_breaking = chemage.run(load_scene(small, {"interaction": None})).ageing
     assert (with_breaking.events > with_breaking.bonds[:, -1]).any()
 
 
@@ -258,7 +258,7 @@ def test_without_forming_only_the_contact_is_computed(small, drawn):
     scene = parse_scene(data)
     assert (scene.chemistry, scene.hold, scene.engine) == (None, None, None)
     result = chemage.run(scene)
-    assert result.aging is None
+    assert result.ageing is None
     if drawn:
         assert look(result).keys() == {"surface", "pressure"}
     summary = result.summary()
@@ -271,5 +271,5 @@ def test_without_forming_only_the_contact_is_computed(small, drawn):
 def test_no_site_carries_a_hydroxyl(small, drawn):
     result = carried_out(small, chemistry__hydroxylation=0, drawn=drawn)
     assert result.contact.sites.size > 0
-    assert not result.aging.sites.any()
-    assert not result.aging.friction_drop.any()
+    assert not result.ageing.sites.any()
+    assert not result.ageing.friction_drop.any()

@@ -198,10 +198,10 @@ def test_names_in_other_encodings_are_shown():
 
 @pytest.mark.parametrize("name", ODD)
 def test_results_of_any_name_are_reported(tmp_path, command, name):
-    aging = ca.Aging(hold_times=[0.1, 1.0, 10.0], bonds=[[1, 2, 3], [0, 2, 2]], sites=[4, 4], events=[9, 9], load=3.0,
+    ageing = ca.Ageing(hold_times=[0.1, 1.0, 10.0], bonds=[[1, 2, 3], [0, 2, 2]], sites=[4, 4], events=[9, 9], load=3.0,
                      temperature=300.0, engine="by-hand")  # fmt: skip
     path = tmp_path / f"{name}.h5"
-    ca.write(path, aging)
+    ca.write(path, ageing)
     for words in (("show",), ("report", "--out", tmp_path / f"{name}.html"), ("plot", "--out", tmp_path / "x.svg")):
         done = command(words[0], path, *words[1:])
         assert done.status == 0, done.err

@@ -19,7 +19,7 @@ TABLE = container.Arrays(
 @pytest.mark.parametrize("compact", [False, True])
 def test_arrays_without_a_class_of_their_own(tmp_path, compact):
     container.write(tmp_path / "x", {"table": TABLE}, {"version": 3}, compact=compact)
-    parts, about = container.read(tmp_path / "x", {"table": container.Arrays, "not there": ca.Aging})
+    parts, about = container.read(tmp_path / "x", {"table": container.Arrays, "not there": ca.Ageing})
     assert parts == {"table": TABLE}
     assert about["version"] == 3
     with pytest.raises(StoreError, match="already there"):

@@ -30,7 +30,7 @@ def history(examples):
     return examples.history
 
 
-@pytest.fixture(params=["surface", "contact", "lattice", "history", "aging"])
+@pytest.fixture(params=["surface", "contact", "lattice", "history", "ageing"])
 def make(request, examples):
     """A function that makes a record; every kind in turn."""
     return getattr(examples, request.param)
@@ -76,7 +76,7 @@ def test_every_field_is_part_of_the_digest(make):
         bool: lambda value: not value,
         str: lambda value: value + "x",
         tuple: lambda value: (*value, "x") if not value or isinstance(value[0], str) else tuple(v + 1 for v in value),
-        dict: lambda value: {**value, "extra": np.ones(2) if make.__name__ == "aging" or "words" in value else 1.5},
+        dict: lambda value: {**value, "extra": np.ones(2) if make.__name__ == "ageing" or "words" in value else 1.5},
     }
     optional = {
         "gap": np.zeros((4, 5)),
@@ -89,7 +89,7 @@ def test_every_field_is_part_of_the_digest(make):
         "origin": (0.1, 0.2),
         "contact": {"load": 1.0},
         "elasticity": {"hardness": 10.0},
-        "observables": {} if make.__name__ == "aging" else {"y": np.ones(2)},
+        "observables": {} if make.__name__ == "ageing" else {"y": np.ones(2)},
         "provenance": {"kind": "other"},
         "states": np.array([[False, False, True], [True, False, True]]),
         "rupture_force": np.ones((2, 3)),
@@ -270,7 +270,7 @@ def test_pixel_sizes_that_are_refused(surface, size):
 
 # -- what help shows --------------------------------------------------------------------------------------------------
 
-PUBLIC = [ca.Surface, ca.ContactSolution, ca.ReactionLattice, ca.Aging, ca.Ensemble, *(
+PUBLIC = [ca.Surface, ca.ContactSolution, ca.ReactionLattice, ca.Ageing, ca.Ensemble, *(
     getattr(ca.plugin, name) for name in ("BondHistory", "PullHistory", "ContactStatistics", "Roughness", "RuptureForce")
 )]  # fmt: skip
 
@@ -294,7 +294,7 @@ def test_help_shows_the_parts_of_a_run_with_their_units():
 
 
 def test_docstrings_of_records_are_not_made_before_somebody_asks():
-    program = "from chemage.foundation.checks import _texts_below as read; import chemage; chemage.Aging; "
+    program = "from chemage.foundation.checks import _texts_below as read; import chemage; chemage.Ageing; "
     program += "print(read.cache_info().misses)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "0"

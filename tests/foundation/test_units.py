@@ -401,7 +401,7 @@ def test_the_program_that_type_checkers_accept_runs():
     program = runpy.run_path(str(Path(__file__).parents[1] / "stubs" / "typed_program.py"))
     assert len({contact.digest() for contact in program["contacts"]}) == 1
     assert len({maker.digest() for maker in program["makers"]}) == 1
-    assert program["aging"].temperature == 300.15
+    assert program["ageing"].temperature == 300.15
 
 
 def test_the_programs_that_strict_type_checkers_accept_run():

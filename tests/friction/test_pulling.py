@@ -483,7 +483,7 @@ def scene(**rupture) -> dict:
 
 
 def test_the_peak_is_the_friction_and_is_the_same_on_any_number_of_threads():
-    made, again = (ca.run(scene(), threads=threads).aging for threads in (1, 2))
+    made, again = (ca.run(scene(), threads=threads).ageing for threads in (1, 2))
     assert made is not None
     assert again is not None
     np.testing.assert_array_equal(made.friction_drop, again.friction_drop)
@@ -543,23 +543,23 @@ class OfPulls:
 
 
 def test_what_a_pulling_engine_and_hooks_record_reaches_results_files_and_tables(stretching, tmp_path, command):
-    plain = ca.run(scene()).aging
+    plain = ca.run(scene()).ageing
     registry.current().register(OfPulls(), "of-pulls")
     run = ca.run(scene(engine="stretching"))
-    aging = run.aging
-    np.testing.assert_array_equal(aging.friction_drop, plain.friction_drop)
-    assert aging.observables["mean_stretch"].shape == (3, 4)
-    assert aging.measured["mean_stretch"].output == Output(
+    ageing = run.ageing
+    np.testing.assert_array_equal(ageing.friction_drop, plain.friction_drop)
+    assert ageing.observables["mean_stretch"].shape == (3, 4)
+    assert ageing.measured["mean_stretch"].output == Output(
         "hold_time", "nm", "mean stretch of the bonds at the end, 0 without bonds"
     )
-    left = aging.observables["pull_bonds"][:, :, -1] > 0
-    np.testing.assert_array_equal(aging.observables["mean_stretch"] > 0, left)
-    assert aging.observables["longest"].shape == (3, 4, 1)
-    assert (aging.observables["longest"][..., 0] >= aging.observables["mean_stretch"]).all()
-    assert not [note for note in aging.notes if "mean_stretch" in note]
+    left = ageing.observables["pull_bonds"][:, :, -1] > 0
+    np.testing.assert_array_equal(ageing.observables["mean_stretch"] > 0, left)
+    assert ageing.observables["longest"].shape == (3, 4, 1)
+    assert (ageing.observables["longest"][..., 0] >= ageing.observables["mean_stretch"]).all()
+    assert not [note for note in ageing.notes if "mean_stretch" in note]
     assert "stretching.Stretching" in run.plugins
     ca.write(tmp_path / "a.h5", run)
-    assert ca.read(tmp_path / "a.h5").aging == aging
+    assert ca.read(tmp_path / "a.h5").ageing == ageing
     shown = command("show", tmp_path / "a.h5").out
     assert "pulled (engine stretching (inner event-driven))" in shown
     assert "mean stretch of the bonds" in shown

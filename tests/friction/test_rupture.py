@@ -74,7 +74,7 @@ def chemistry(**options) -> ca.Chemistry:
     return ca.chemistry(**{"forming": ca.barriers("uniform", lower=0.7, upper=1.2), **options})
 
 
-def aged(law=None, **options) -> ca.Aging:
+def aged(law=None, **options) -> ca.Ageing:
     fields = {"engine": ca.engine("rejection-free"), "temperature": 300, "replicas": 3, "seed": 2, "rupture": law}
     fields |= {"hold_times": ca.hold_times(1e-3, 1e4, 2), "chemistry": chemistry(), **options}
     return ca.age(contact(), **fields)
@@ -256,7 +256,7 @@ def test_the_law_is_part_of_the_key_of_ageing_and_of_no_other(bell):
     first = parse_scene(scene(rupture={"kind": "bell-at-rate", "length": 0.1}))
     second = parse_scene(scene(rupture={"kind": "bell-at-rate", "length": 0.2}))
     keys = [one.keys() for one in (plain, first, second)]
-    assert len({one["aging"] for one in keys}) == len({one["result"] for one in keys}) == 3
+    assert len({one["ageing"] for one in keys}) == len({one["result"] for one in keys}) == 3
     assert len({one["contact"] for one in keys}) == 1
     assert parse_scene(first.todict()) == first
     assert first.rupture == Bell()
@@ -276,16 +276,16 @@ def test_file_comparison_and_summary_have_the_force_of_the_law(bell, tmp_path):
     for name, run in (("plain", plain), ("law", law)):
         ca.write(tmp_path / f"{name}.h5", run)
     again = ca.read(tmp_path / "law.h5")
-    assert again.aging == law.aging
-    np.testing.assert_array_equal(again.aging.friction_drop, law.aging.rupture_force)
-    assert ca.read(tmp_path / "plain.h5").aging.rupture_force is None
-    assert law.summary()["friction_drop"] == law.aging.rupture_force.mean(axis=0).tolist()
+    assert again.ageing == law.ageing
+    np.testing.assert_array_equal(again.ageing.friction_drop, law.ageing.rupture_force)
+    assert ca.read(tmp_path / "plain.h5").ageing.rupture_force is None
+    assert law.summary()["friction_drop"] == law.ageing.rupture_force.mean(axis=0).tolist()
     assert (law.summary()["rupture"], plain.summary()["rupture"]) == ("bell-at-rate", None)
     made = compare_files([tmp_path / "plain.h5", tmp_path / "law.h5"])
     assert made.statement() == "Chemistry: the same in all results."
     assert "rupture.kind" in made.other_differences()
     drops = [one["at"][-1]["friction_drop"] for one in made.numbers()]
-    assert drops == pytest.approx([one.aging.friction_drop[:, -1].mean() for one in (plain, law)])
+    assert drops == pytest.approx([one.ageing.friction_drop[:, -1].mean() for one in (plain, law)])
 
 
 def test_a_checkpoint_is_reused_when_only_the_law_changes(bell, tmp_path, monkeypatch):
@@ -298,22 +298,22 @@ def test_a_checkpoint_is_reused_when_only_the_law_changes(bell, tmp_path, monkey
             {"rupture": {"kind": "bell-at-rate", "rate": 1.0}},
         )
     ]
-    computed = [ca.run(one).aging for one in scenes]
+    computed = [ca.run(one).ageing for one in scenes]
     monkeypatch.setattr(type(scenes[0].engine), "run", lambda *_, **__: pytest.fail("computed again"))
-    for one, aging in zip(scenes, computed, strict=True):
+    for one, ageing in zip(scenes, computed, strict=True):
         kept = ca.run(one, checkpoints=tmp_path)
-        assert kept.aging == aging
-        np.testing.assert_array_equal(kept.aging.bonds, with_law.aging.bonds)
-        assert not np.array_equal(kept.aging.friction_drop, with_law.aging.friction_drop)
+        assert kept.ageing == ageing
+        np.testing.assert_array_equal(kept.ageing.bonds, with_law.ageing.bonds)
+        assert not np.array_equal(kept.ageing.friction_drop, with_law.ageing.friction_drop)
 
 
 def test_laws_in_a_sweep_are_points_of_their_own(tmp_path):
     grid = {"rupture.bond_force": [1.0, 2.0], "hold.seed": [0, 1]}
     swept = ca.sweep({**scene(rupture={"kind": "mean-force"}), "sweep": grid}, out=tmp_path / "s")
     assert [point.status for point in swept] == ["done"] * 4
-    drops = [point.aging().friction_drop for point in swept]
+    drops = [point.ageing().friction_drop for point in swept]
     np.testing.assert_array_equal(drops[2], 2 * drops[0])
-    np.testing.assert_array_equal(swept[1].aging().bonds, swept[3].aging().bonds)
+    np.testing.assert_array_equal(swept[1].ageing().bonds, swept[3].ageing().bonds)
     assert len({point.key for point in swept}) == 4
     rows = list(csv.DictReader((tmp_path / "s" / "results.csv").read_text().splitlines()))
     column = "last friction_drop (nN)"

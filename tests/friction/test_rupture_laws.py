@@ -136,7 +136,7 @@ def test_no_rate_is_above_the_attempt_frequency_and_none_falls_with_force():
         assert (np.diff(rates, axis=1) >= -1e-6 * rates[:, 1:])[sure[:, 1:]].all()
 
 
-def aged(rupture, **options) -> ca.Aging:
+def aged(rupture, **options) -> ca.Ageing:
     contact = ca.contact("hertz", modulus=35.3).solve(
         ca.surface("sphere", radius=30, pixels=32, pixel_size=0.45).make(), 50
     )

@@ -421,7 +421,7 @@ def test_a_rough_contact_that_creeps_grows_as_its_hardness_falls():
         "protocol": {"kind": "creep", "duration": "100 s", "rate": 0.02, "contacts": 4},
     }
     run = ca.run(scene)
-    area = run.aging.observables["step_area"][0]
+    area = run.ageing.observables["step_area"][0]
     shares = (np.arange(4) + 0.5) / 4
     ratio = 1 + 0.02 * np.log1p(100.0) * shares
     assert np.allclose(area[1:] / area[0], ratio[1:], rtol=0.02)

@@ -460,13 +460,13 @@ def test_a_scene_of_steps_is_stored_resumed_swept_and_drawn(tmp_path, monkeypatc
     for file in kept[2:5]:
         file.unlink()
     again = ca.run(own, checkpoints=tmp_path / "kept")
-    assert again.aging.digest() == run.aging.digest() == ca.run(own).aging.digest()
+    assert again.ageing.digest() == run.ageing.digest() == ca.run(own).ageing.digest()
     ca.write(tmp_path / "run.h5", run)
     stored = ca.read(tmp_path / "run.h5")
-    assert stored.aging.digest() == run.aging.digest()
-    assert ca.run(stored.scene).aging.digest() == run.aging.digest()
+    assert stored.ageing.digest() == run.ageing.digest()
+    assert ca.run(stored.scene).ageing.digest() == run.ageing.digest()
     assert stored.fit() is None
-    seen = stored.aging.observables
+    seen = stored.ageing.observables
     assert seen["peak_1"].mean() > seen["steady_1"].mean()
     assert seen["step_lost"][:, 3].min() > 0
     study = ca.sweep({**own.todict(), "sweep": {"step.1.speed": [10, 1000]}}, tmp_path / "sweep")
@@ -480,7 +480,7 @@ def test_sliding_at_a_constant_speed_becomes_steady(replicas, slips, errors):
     """The mean friction over each 5 nm is that over the last ones, from 5 nm on."""
     step = {"speed": "10 nm/s", "distance": "5 nm", "points": 1}
     steps = [{"duration": 1}, *([step] * slips)]
-    seen = ca.run(scene(step=steps, hold={"replicas": replicas, "temperature": 300}), warn=False).aging.observables
+    seen = ca.run(scene(step=steps, hold={"replicas": replicas, "temperature": 300}), warn=False).ageing.observables
     work = np.array([seen[f"work_{k}"] for k in range(2, slips + 1)])
     for one in work[:-1]:
         change = one - work[-1]
@@ -491,8 +491,8 @@ def test_the_least_force_of_a_velocity_step_is_that_of_all_events():
     """Whatever times are recorded, it falls between them as well."""
     steps = {"kind": "velocity-steps", "speeds": [1000, 100], "distance": 0.5}
     run = ca.run(scene(protocol=steps, hold={"replicas": 2, "temperature": 400}), warn=False)
-    least = run.aging.observables["transient_1"] + run.aging.observables["steady_1"]
-    recorded = run.aging.friction_drop[:, -101:].min(axis=1)
+    least = run.ageing.observables["transient_1"] + run.ageing.observables["steady_1"]
+    recorded = run.ageing.friction_drop[:, -101:].min(axis=1)
     assert (least <= recorded + 1e-9).all()
     assert (least < recorded - 1e-9).any()
 
@@ -504,7 +504,7 @@ def test_a_mean_of_a_measure_of_a_step_is_as_accurate_as_asked():
     peak = mean.estimate("observable.peak_1")
     assert peak.half_width <= 0.08 * peak.value
     many = ca.run(own.with_hold(replicas=100, seed=77), warn=False)
-    peaks = many.aging.observables["peak_1"]
+    peaks = many.ageing.observables["peak_1"]
     error = np.hypot(peak.half_width / 2, peaks.std() / peaks.size**0.5)
     assert abs(peak.value - peaks.mean()) < 4 * error
 
@@ -614,12 +614,12 @@ def test_a_ramp_of_load_begins_at_the_load_that_was_found(monkeypatch):
 def test_protocols_expand_into_steps_and_say_what_they_measure():
     healed = scene(protocol={"kind": "slide-hold-slide", "speed": 100, "distance": 1, "holds": [0.1, 1, 10]})
     run = ca.run(healed)
-    seen = run.aging.observables
-    assert run.aging.hold_times[-1] == pytest.approx(4 * 0.01 + 11.1)
+    seen = run.ageing.observables
+    assert run.ageing.hold_times[-1] == pytest.approx(4 * 0.01 + 11.1)
     assert seen["healing_0"].mean() < seen["healing_1"].mean() < seen["healing_2"].mean()
     assert seen["healing_rate"].mean() > 0
     same = Programme(protocol=healed.component("protocol"), drive=healed.component("drive"))
-    np.testing.assert_array_equal(same.times(), run.aging.hold_times)
+    np.testing.assert_array_equal(same.times(), run.ageing.hold_times)
 
 
 def test_loads_of_a_rough_contact_and_of_one_that_flows():
@@ -632,12 +632,12 @@ def test_loads_of_a_rough_contact_and_of_one_that_flows():
     data["contact"]["load"] = 50.0
     data["hold"] = {"replicas": 2, "temperature": 300}
     steps = [{"duration": 10}, {"load": 100, "duration": 1e-12}, {"load": 50, "duration": 1e-12}]
-    seen = ca.run({**data, "step": steps}, warn=False).aging.observables
+    seen = ca.run({**data, "step": steps}, warn=False).ageing.observables
     assert seen["step_area"][0, 1] > seen["step_area"][0, 0] == seen["step_area"][0, 2]
     np.testing.assert_array_equal(seen["bonds_0"], seen["bonds_2"])
     protocol = {"kind": "load-steps", "loads": [50, 100, 50], "durations": [1, 1, 1]}
     data["contact"]["hardness"] = 3.0
-    seen = ca.run({**data, "protocol": protocol}, warn=False).aging.observables
+    seen = ca.run({**data, "protocol": protocol}, warn=False).ageing.observables
     # the surface that 100 nN has flattened touches more than before
     assert seen["step_area"][0, 0] < seen["step_area"][0, 2] < seen["step_area"][0, 1]
     assert (seen["dip_2"] == 0).all()

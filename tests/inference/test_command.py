@@ -375,7 +375,7 @@ def test_the_whole_command_on_a_tip(command, folder):
     assert forecast["load"] == 50
     scene = ca.load_scene("tip.toml", {"forming": {"kind": "inferred", "path": "tip-inferred.h5"}})
     run = ca.run(scene, warn=False)
-    assert "barriers" in run.aging.errors
+    assert "barriers" in run.ageing.errors
 
 
 def test_the_offset_of_whole_friction_and_the_sheet_are_options(command, folder, made_up):

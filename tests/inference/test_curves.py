@@ -126,19 +126,19 @@ def aged(replicas=4):
 
 
 def test_a_simulated_mean_has_the_errors_of_its_replicas_and_their_correlation(tmp_path):
-    aging = aged()
-    ca.write(tmp_path / "aged.h5", aging)
+    ageing = aged()
+    ca.write(tmp_path / "aged.h5", ageing)
     (found,) = ca.read_curves(tmp_path / "aged.h5")
     assert found.name == "aged"
     assert (found.load, found.temperature) == (20.0, 310.0)
     assert found.hold_times == pytest.approx(np.logspace(-2, 3, 6))
-    assert found.values == pytest.approx(aging.mean_friction_drop[1:])
+    assert found.values == pytest.approx(ageing.mean_friction_drop[1:])
     assert found.correlation is not None
     assert found.correlation[0] == 0
     assert (found.correlation[1:] > 0.3).all()
     assert found.chemistry["forming"]["kind"] == "gaussian"
     assert found.chemistry["bond_force"] == 3.0
-    (same,) = ca.read_curves(aging)
+    (same,) = ca.read_curves(ageing)
     assert same.model_copy(update={"name": "aged"}) == found
     ca.write(tmp_path / "curve.h5", found)
     assert ca.read(tmp_path / "curve.h5") == found

@@ -37,8 +37,8 @@ def curve(forming, *, made=None, temperature=300.0, seed=7, times=TIMES, noise=N
     made = made or scene()
     chemistry = made.chemistry.replace(forming=forming)
     call = {"engine": made.engine, "hold_times": times, "temperature": temperature, "replicas": 1}
-    aging = ca.age(solved(made), chemistry, method=ca.ageing_method("closure"), **call)
-    values = aging.friction_drop[0]
+    ageing = ca.age(solved(made), chemistry, method=ca.ageing_method("closure"), **call)
+    values = ageing.friction_drop[0]
     noisy = values * (1 + noise * np.random.default_rng(seed).standard_normal(times.size))
     return ca.MeasuredCurve(
         load=made.load, temperature=temperature, hold_times=times, values=noisy, errors=noise * values
@@ -111,8 +111,8 @@ def test_the_interaction_is_part_of_the_inference_and_leaving_it_out_is_worse():
     made = scene(0.5)
     chemistry = made.chemistry.replace(forming=forming)
     call = {"engine": made.engine, "hold_times": TIMES, "temperature": 300.0, "replicas": 600, "seed": 21}
-    aging = ca.age(solved(made), chemistry, **call)
-    values, error = np.maximum(aging.mean_friction_drop, 1e-2), aging.friction_drop_stderr
+    ageing = ca.age(solved(made), chemistry, **call)
+    values, error = np.maximum(ageing.mean_friction_drop, 1e-2), ageing.friction_drop_stderr
     noisy = values * (1 + NOISE * np.random.default_rng(4).standard_normal(TIMES.size))
     measured = ca.MeasuredCurve(
         load=50.0, temperature=300.0, hold_times=TIMES, values=noisy, errors=np.hypot(NOISE * values, error) + 1e-3

@@ -48,10 +48,10 @@ def test_what_is_missing_to_one_lies_above_every_energy(file):
 
 def test_the_content_of_the_file_is_in_the_keys(file):
     before = scene_of(file).keys()
-    assert scene_of(file, member=2).keys()["aging"] != before["aging"]
+    assert scene_of(file, member=2).keys()["ageing"] != before["ageing"]
     ca.write(file, made_inference(seed=7), force=True)
     after = scene_of(file).keys()
-    assert after["aging"] != before["aging"]
+    assert after["ageing"] != before["ageing"]
     assert after["contact"] == before["contact"]
 
 
@@ -79,11 +79,11 @@ def test_only_the_mean_has_members(file):
 
 
 def test_a_run_carries_the_error_of_its_barriers(run, tmp_path):
-    error = run.aging.errors["barriers"]
-    assert run.aging.member_ratios.shape == (8, run.aging.hold_times.size)
-    assert np.allclose(error, run.aging.member_ratios.std(axis=0, ddof=1), equal_nan=True)
+    error = run.ageing.errors["barriers"]
+    assert run.ageing.member_ratios.shape == (8, run.ageing.hold_times.size)
+    assert np.allclose(error, run.ageing.member_ratios.std(axis=0, ddof=1), equal_nan=True)
     assert 0 < error[-1] < 0.3
-    assert "8 members" in run.aging.error_sources["barriers"]
+    assert "8 members" in run.ageing.error_sources["barriers"]
     assert 0 < run.beta_errors["barriers"] < 1
     summary = run.summary()
     assert summary["beta_errors"] == run.beta_errors
@@ -91,7 +91,7 @@ def test_a_run_carries_the_error_of_its_barriers(run, tmp_path):
     path = tmp_path / "run.h5"
     ca.write(path, run)
     again = ca.read(path)
-    assert again.aging == run.aging
+    assert again.ageing == run.ageing
     assert again.beta_errors == run.beta_errors
 
 
@@ -100,19 +100,19 @@ def test_the_rest_of_the_run_is_as_without(run):
         run.contact,
         ca.parse_scene(run.scene).chemistry,
         engine=ca.engine("rejection-free"),
-        hold_times=run.aging.hold_times,
+        hold_times=run.ageing.hold_times,
         temperature=300.0,
         replicas=3,
         seed=1,
     )
-    assert np.array_equal(alone.bonds, run.aging.bonds)
+    assert np.array_equal(alone.bonds, run.ageing.bonds)
     assert alone.errors == {}
 
 
 def test_other_distributions_have_no_such_error():
     run = ca.run(ca.parse_scene(SCENE), warn=False)
-    assert run.aging.errors == {}
-    assert run.aging.member_ratios is None
+    assert run.ageing.errors == {}
+    assert run.ageing.member_ratios is None
     assert run.beta_errors == {}
     assert "beta_errors" not in run.summary()
 
@@ -127,7 +127,7 @@ def test_a_wider_band_is_a_larger_error(tmp_path):
         wide = np.maximum(wide, 0)
         wide /= np.maximum(np.trapezoid(wide, base.energies, axis=1)[:, None], 1.0)
         ca.write(path, base.model_copy(update={"samples": wide}))
-        errors.append(ca.run(scene_of(path), warn=False).aging.errors["barriers"][-1])
+        errors.append(ca.run(scene_of(path), warn=False).ageing.errors["barriers"][-1])
     assert errors[1] > 3 * errors[0]
 
 

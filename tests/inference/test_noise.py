@@ -41,8 +41,8 @@ def curve(forming, times=TIMES, noise=0.03):
     made = scene()
     contact = ca.solve_contact(made.solver, ca.make_surface(made.surface), made.load)
     call = {"engine": made.engine, "hold_times": times, "temperature": 300.0, "replicas": 1}
-    aging = ca.age(contact, made.chemistry.replace(forming=forming), method=ca.ageing_method("closure"), **call)
-    values = aging.friction_drop[0]
+    ageing = ca.age(contact, made.chemistry.replace(forming=forming), method=ca.ageing_method("closure"), **call)
+    values = ageing.friction_drop[0]
     noisy = values * (1 + noise * np.random.default_rng(7).standard_normal(times.size))
     return ca.MeasuredCurve(load=made.load, temperature=300.0, hold_times=times, values=noisy, errors=noise * values)
 

@@ -94,7 +94,7 @@ def test_without_interaction_it_is_the_quadrature_of_another_method(breaking):
     model, grid = condition(made)
     value, matrix = model.linear(bump(grid.nodes))
     assert made.chemistry is not None
-    aging = ca.age(
+    ageing = ca.age(
         model.contact,
         made.chemistry,
         method=ca.ageing_method("closure"),
@@ -103,7 +103,7 @@ def test_without_interaction_it_is_the_quadrature_of_another_method(breaking):
         temperature=300.0,
         replicas=1,
     )
-    expected = aging.friction_drop[0]
+    expected = ageing.friction_drop[0]
     # linear interpolation of a Gaussian between nodes 0.017 eV apart widens it by 0.4 %
     assert value == pytest.approx(expected, rel=0.03, abs=2e-3 * expected[-1])
     assert matrix @ bump(grid.nodes) == pytest.approx(value)
@@ -144,10 +144,10 @@ def test_the_mean_field_is_near_the_kinetics_of_the_sites_and_corrected_to_them(
     model.calibrate(density, made, 5)
     corrected = model.linear(density)[0]
     assert made.chemistry is not None
-    aging = ca.age(
+    ageing = ca.age(
         model.contact, made.chemistry, engine=made.engine, hold_times=TIMES, temperature=300.0, replicas=400, seed=11
     )
-    value, noise = aging.mean_friction_drop, aging.friction_drop_stderr
+    value, noise = ageing.mean_friction_drop, ageing.friction_drop_stderr
     late = TIMES >= 0.1
     assert alone[late] == pytest.approx(value[late], rel=error)
     off = np.abs(corrected - value)[late]

@@ -54,10 +54,10 @@ def test_the_model_of_two_steps_against_the_kinetics():
     density = np.exp(-0.5 * ((model.grid.nodes - 1.2) / 0.15) ** 2) / (0.15 * np.sqrt(2 * np.pi))
     alone, after = np.split(model.linear(density, 0)[0], 2)
     assert (after[:-1] > alone[:-1]).all()
-    aging = ca.run(own, warn=False).aging
-    at = np.array([np.argmin(np.abs(aging.hold_times - 1e4 - time)) for time in TIMES])
-    np.testing.assert_allclose(aging.hold_times[at], 1e4 + TIMES, rtol=1e-9)
-    drops = aging.friction_drop[:, at]
+    ageing = ca.run(own, warn=False).ageing
+    at = np.array([np.argmin(np.abs(ageing.hold_times - 1e4 - time)) for time in TIMES])
+    np.testing.assert_allclose(ageing.hold_times[at], 1e4 + TIMES, rtol=1e-9)
+    drops = ageing.friction_drop[:, at]
     assert (np.abs(drops.mean(axis=0) - after) < 4.5 * drops.std(axis=0) / 3).all()
 
 

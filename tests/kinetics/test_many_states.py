@@ -461,8 +461,8 @@ def test_bonds_in_humid_air_are_those_of_the_sites_under_one_layer(humidity):
     for seed in range(50):
         lattice = alone.on(run.contact, 1000 + seed)
         mean += ca.engine("independent").mean(lattice, scene.hold.hold_times, temperature=KELVIN)[0] / 50
-    bonds = run.aging.bonds.mean(axis=0)
-    error = np.sqrt(share * mean / len(run.aging.bonds) + share**2 * mean / 50)
+    bonds = run.ageing.bonds.mean(axis=0)
+    error = np.sqrt(share * mean / len(run.ageing.bonds) + share**2 * mean / 50)
     assert np.all(np.abs(bonds - share * mean) < 4.5 * error + 0.01 * share * mean)
 
 
@@ -476,7 +476,7 @@ def test_every_number_of_the_scene_in_humid_air_has_a_source():
 def test_humidity_is_part_of_the_key_and_a_source_is_not():
     scene = humid_tip("30 %")
     assert ca.parse_scene(scene.todict()).digest() == scene.digest()
-    assert humid_tip("40 %").keys()["aging"] != scene.keys()["aging"]
+    assert humid_tip("40 %").keys()["ageing"] != scene.keys()["ageing"]
     wetting = scene.chemistry.transitions["wetting"].replace(source="assumed: another reason")
     others = {**scene.chemistry.transitions, "wetting": wetting}
     other = scene.model_copy(update={"chemistry": scene.chemistry.replace(transitions=others)})

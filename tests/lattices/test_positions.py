@@ -139,22 +139,22 @@ def test_a_plugin_with_two_sites_in_a_pixel_ages_as_the_closed_form(two, example
     chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=0.8, upper=1.0))
     times = [1e-2, 1.0, 100.0]
     spectra = [ca.observable("pressure-spectrum"), ca.observable("barrier-spectrum")]
-    aging = ca.age(
+    ageing = ca.age(
         contact, chemistry, engine=ca.engine(name), hold_times=times, temperature=300, replicas=20, observe=spectra
     )
     n = contact.sites.size
-    assert aging.sites.tolist() == [2 * n] * 20
-    assert list(aging.plugins) == ["two"]
+    assert ageing.sites.tolist() == [2 * n] * 20
+    assert list(ageing.plugins) == ["two"]
     energy = 0.8 + 0.2 * (np.arange(20_000) + 0.5) / 20_000
     rates = 1e13 * np.exp(-energy / (ca.plugin.KB * 300))
-    for bonds, t in zip(aging.bonds.T, times, strict=True):
+    for bonds, t in zip(ageing.bonds.T, times, strict=True):
         chance = -np.expm1(-rates * t).mean()
         # sum over sites of 1 - exp(-k t), and its binomial scatter
         assert abs(bonds.mean() - 2 * n * chance) < 5 * np.sqrt(2 * n * chance * (1 - chance) / 20)
-    edges = aging.observables["pressure_edges"][0]
-    assert np.allclose(aging.observables["pressures"] @ np.diff(edges), 1.0)
-    again = ca.Aging.fromdict(aging.todict())
-    assert again == aging
+    edges = ageing.observables["pressure_edges"][0]
+    assert np.allclose(ageing.observables["pressures"] @ np.diff(edges), 1.0)
+    again = ca.Ageing.fromdict(ageing.todict())
+    assert again == ageing
 
 
 def test_an_observable_adds_the_sites_of_a_pixel(two):

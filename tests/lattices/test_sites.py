@@ -374,13 +374,13 @@ def test_a_scene_asks_for_the_gap_and_says_what_was_reconstructed(command, tmp_p
     assert checked(command, tmp_path, scene())["stages"]["sites"] == words
     result = ca.run(made)
     assert result.contact.gap is not None
-    words += f"; their number within {100 * result.aging.provenance['sites']['relative_error']:.2g} %"
+    words += f"; their number within {100 * result.ageing.provenance['sites']['relative_error']:.2g} %"
     assert result.summary()["site_grid"] == words
     ca.write(tmp_path / "run.h5", result)
     again = ca.read(tmp_path / "run.h5")
-    assert again.aging.site_grid == words
-    assert again.aging.provenance["sites"]["sites"] == [64, 64]
-    spectrum = result.aging.observables
+    assert again.ageing.site_grid == words
+    assert again.ageing.provenance["sites"]["sites"] == [64, 64]
+    spectrum = result.ageing.observables
     assert (spectrum["pressures"].sum(axis=1) * np.diff(spectrum["pressure_edges"][0])[0]).min() > 0.99
 
 
@@ -391,7 +391,7 @@ def test_keys_contain_the_sites_where_they_are_not_pixels():
     )
     assert old["surface"] == default["surface"] == other["surface"]
     assert old["contact"] != default["contact"] == other["contact"]  # the gap
-    assert len({keys["aging"] for keys in (old, default, other)}) == 3
+    assert len({keys["ageing"] for keys in (old, default, other)}) == 3
     small = [parse_scene(scene(size="0.4518 nm", **more)).keys() for more in ({}, {"site_density": "pixel"})]
     assert small[0] == small[1]
 

@@ -10,8 +10,8 @@ import chemage as ca
 
 def drop(scene, **changes):
     """Hold times and mean Δμ of an installed scene."""
-    aging = ca.run(ca.load_scene(scene, changes)).aging
-    return aging.hold_times, aging.mean_friction_coefficient_drop
+    ageing = ca.run(ca.load_scene(scene, changes)).ageing
+    return ageing.hold_times, ageing.mean_friction_coefficient_drop
 
 
 #: the density of md-silica before it was calibrated to the rates without ΔV too: no barriers right at 0.8 eV
@@ -26,8 +26,8 @@ def crossed(barrier):
 def onset(scene, changes=None):
     """Hold time at which the slope of Δμ against log t reaches half of β, s."""
     result = ca.run(ca.load_scene(scene, changes))
-    x = np.log10(result.aging.hold_times)
-    slope = np.gradient(result.aging.mean_friction_coefficient_drop, x)
+    x = np.log10(result.ageing.hold_times)
+    slope = np.gradient(result.ageing.mean_friction_coefficient_drop, x)
     half = 0.5 * result.fit().beta
     first = int(np.argmax(slope >= half))
     return float(10 ** np.interp(half, slope[first - 1 : first + 1], x[first - 1 : first + 1]))

@@ -57,7 +57,7 @@ def test_differences_between_loads_have_smaller_errors_than_independent_runs():
     engine, times = ca.engine("rejection-free"), ca.hold_times(1.0, 1e3, 1)
 
     def drop(contact: ca.ContactSolution, seed: int) -> np.ndarray:
-        aging = ca.age(
+        ageing = ca.age(
             contact,
             SILICA,
             engine=engine,
@@ -67,7 +67,7 @@ def test_differences_between_loads_have_smaller_errors_than_independent_runs():
             seed=seed,
             common="disorder",
         )
-        return aging.friction_drop[:, -1]
+        return ageing.friction_drop[:, -1]
 
     light, heavy, unpaired = drop(LIGHT, 0), drop(HEAVY, 0), drop(HEAVY, 99)
     assert np.std(heavy - light) < 0.75 * np.std(unpaired - light)

@@ -116,7 +116,7 @@ def test_more_events_than_can_be_counted_leave_the_bonds_right():
     tip = chemage.surface("sphere", radius="30 nm", pixels=64, pixel_size="0.4518 nm").make()
     contact = chemage.contact("hertz", modulus="35.3 GPa").solve(tip, load="50 nN")
     barrier = chemage.barriers("gaussian", mean=0.3, std=0)
-    aging = chemage.age(
+    ageing = chemage.age(
         contact,
         chemage.chemistry(forming=barrier, breaking=barrier),
         engine=chemage.engine("independent"),
@@ -124,9 +124,9 @@ def test_more_events_than_can_be_counted_leave_the_bonds_right():
         temperature=300.0,
         replicas=20,
     )
-    assert aging.events.tolist() == [2**62] * 20
-    sites = int(aging.sites.sum())
-    assert np.all(np.abs(aging.bonds.sum(axis=0) - sites / 2) < 4.5 * math.sqrt(sites / 4))
+    assert ageing.events.tolist() == [2**62] * 20
+    sites = int(ageing.sites.sum())
+    assert np.all(np.abs(ageing.bonds.sum(axis=0) - sites / 2) < 4.5 * math.sqrt(sites / 4))
 
 
 def test_a_lattice_that_interacts_is_refused_with_the_reason():

@@ -63,9 +63,9 @@ def test_roughness_raises_friction_at_a_second_and_lowers_it_at_a_thousand():
     """Fig. 3(b, c): pressure lets few, strongly pressed sites react early; later the area decides."""
 
     def coefficient(slope: float, volume: str | float, time: float) -> float:
-        aging = reference(slope, volume).aging
-        assert aging is not None
-        return float(aging.mean_friction_coefficient_drop[np.argmin(np.abs(aging.hold_times - time))])
+        ageing = reference(slope, volume).ageing
+        assert ageing is not None
+        return float(ageing.mean_friction_coefficient_drop[np.argmin(np.abs(ageing.hold_times - time))])
 
     pressed = "6.4 angstrom**3"
     assert coefficient(0.05, pressed, 1.0) < coefficient(0.1, pressed, 1.0) < coefficient(0.2, pressed, 1.0)
@@ -79,10 +79,10 @@ def test_without_activation_volume_friction_follows_the_contact_area():
     """With ΔV = 0 pressure only decides who is in contact: Δμ is proportional to A at all times."""
     ratios = []
     for slope in (0.05, 0.1, 0.2):
-        aging = reference(slope, 0.0).aging
-        assert aging is not None
-        late = aging.hold_times >= 1.0
-        ratios.append(aging.mean_friction_drop[late] / contact_at(slope).area)
+        ageing = reference(slope, 0.0).ageing
+        assert ageing is not None
+        late = ageing.hold_times >= 1.0
+        ratios.append(ageing.mean_friction_drop[late] / contact_at(slope).area)
     spread = np.ptp(ratios, axis=0) / np.mean(ratios, axis=0)
     assert spread[-1] < 0.05
     assert spread.max() < 0.25

@@ -170,7 +170,7 @@ def test_what_a_hook_derives_and_changes_is_derived_anew():
     run = ran(**{SOLVE: wrapper(no_longer_contact)})
     assert run.plugins == run.changes == {}
     assert run.contact.contact.any()
-    assert run == ca.run(SCENE) or run.aging == ca.run(SCENE).aging
+    assert run == ca.run(SCENE) or run.ageing == ca.run(SCENE).ageing
 
 
 def test_what_is_no_longer_valid_is_refused():
@@ -198,7 +198,7 @@ def test_an_answer_of_equal_content_names_nobody(hook, function):
     plain = ca.run(SCENE)
     run = ran(**{hook: staticmethod(hookimpl(wrapper=True, specname=hook)(function))})
     assert run.plugins == run.changes == {}
-    assert (run.contact, run.aging, run.keys) == (plain.contact, plain.aging, plain.keys)
+    assert (run.contact, run.ageing, run.keys) == (plain.contact, plain.ageing, plain.keys)
     assert "changes" not in run.summary()
 
 
@@ -238,7 +238,7 @@ def test_a_replica_that_is_resumed_names_who_changed_it(tmp_path):
         installed.register(plugin, "guilty")
         first, again = (ca.run(SCENE, checkpoints=tmp_path) for _ in range(2))
     assert first.changes == again.changes == {"guilty": [f"{RUN}.notes"]}
-    assert first.aging == again.aging
+    assert first.ageing == again.ageing
 
 
 def test_nothing_is_compared_where_no_plugin_has_a_hook(monkeypatch):
@@ -257,7 +257,7 @@ def mappings(value, path="run"):
     if isinstance(value, dict | list):
         yield path, value
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list | tuple) else ()
-    fields = vars(value).items() if isinstance(value, ca.Run | ca.Surface | ca.ContactSolution | ca.Aging) else ()
+    fields = vars(value).items() if isinstance(value, ca.Run | ca.Surface | ca.ContactSolution | ca.Ageing) else ()
     for name, one in (*entries, *fields):
         if not str(name).startswith("_"):
             yield from mappings(one, f"{path}.{name}")

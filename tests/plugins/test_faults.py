@@ -22,7 +22,7 @@ def silica() -> ca.Chemistry:
     return ca.chemistry(forming=barriers, site_density="pixel")
 
 
-def aged() -> ca.Aging:
+def aged() -> ca.Ageing:
     options = {"engine": ca.engine("rejection-free"), "hold_times": [1e-6, 1.0], "temperature": 300, "replicas": 2}
     return ca.age(pressed(), silica(), **options)
 

@@ -178,7 +178,7 @@ def test_build_lattice(installed):
 def test_run_kinetics(installed):
     plugin = as_plugin(example("chemage_run_kinetics"))
     installed.register(plugin, "timer")
-    aging = ca.age(
+    ageing = ca.age(
         pressed(),
         silica(),
         engine=ca.engine("rejection-free"),
@@ -188,8 +188,8 @@ def test_run_kinetics(installed):
         threads=2,
     )
     assert len(plugin.TIMES) == 3  # once a replica, never per event
-    assert sorted(events for _, _, events, _ in plugin.TIMES) == sorted(aging.events)
-    assert {(kind, sites) for kind, sites, _, _ in plugin.TIMES} == {("rejection-free", aging.sites[0])}
+    assert sorted(events for _, _, events, _ in plugin.TIMES) == sorted(ageing.events)
+    assert {(kind, sites) for kind, sites, _, _ in plugin.TIMES} == {("rejection-free", ageing.sites[0])}
 
 
 def test_rupture_bonds(installed):
@@ -227,8 +227,8 @@ def test_pull_bonds(installed):
 def test_observe(installed):
     installed.register(as_plugin(example("chemage_observe")), "pressure")
     contact, options = pressed(), {"temperature": 300, "replicas": 3}
-    aging = ca.age(contact, silica(), engine=ca.engine("rejection-free"), hold_times=[1e5], **options)
-    seen = aging.observables["pressure_where_bonded"]
+    ageing = ca.age(contact, silica(), engine=ca.engine("rejection-free"), hold_times=[1e5], **options)
+    seen = ageing.observables["pressure_where_bonded"]
     assert seen.shape == (3,)
     # everything has bonded, so it is the mean over the contact
     assert np.allclose(seen, contact.pressure[contact.contact].mean())

@@ -95,14 +95,14 @@ def test_a_scene_sets_options_which_hooks_read_and_the_result_names(both):
     assert capped.versions["chemage-cap"] == "1.0"
     assert capped.keys["surface"] == plain.keys["surface"]
     assert capped.keys["contact"] != plain.keys["contact"]
-    assert capped.keys["aging"] != plain.keys["aging"]
+    assert capped.keys["ageing"] != plain.keys["ageing"]
 
 
 def test_the_threads_of_replicas_see_them(both):
     found = chemage.run(parse_scene(both.scene(plugins={"seen": {"level": 7}})), threads=2)
-    assert found.aging.notes == ("tossed", "level 7")
-    assert found.aging.plugins["seen"] == "chemage-seen 1.0 [level = 7]"
-    assert run(both).aging.notes == ("tossed", "level 1")
+    assert found.ageing.notes == ("tossed", "level 7")
+    assert found.ageing.plugins["seen"] == "chemage-seen 1.0 [level = 7]"
+    assert run(both).ageing.notes == ("tossed", "level 1")
 
 
 def test_options_that_change_only_the_speed_or_belong_to_an_idle_plugin_change_nothing(both):
@@ -113,7 +113,7 @@ def test_options_that_change_only_the_speed_or_belong_to_an_idle_plugin_change_n
     higher = run(both, {"cap": {"peak": 6.0}})
     assert higher.keys == idle.keys
     assert higher.contact == idle.contact
-    assert higher.aging == idle.aging
+    assert higher.ageing == idle.ageing
 
 
 def test_a_block_of_python_sets_them_too(both):
@@ -129,7 +129,7 @@ def test_a_block_of_python_sets_them_too(both):
         with chemage.plugin_options("cap", blocks=2) as inner, chemage.plugin_options("seen", level=3):
             assert (inner.peak, inner.blocks) == (0.2, 2)
             assert peak() == 0.2
-            assert chemage.run(scene).aging.notes == ("tossed", "level 3")
+            assert chemage.run(scene).ageing.notes == ("tossed", "level 3")
         with chemage.plugin_options("cap", peak=0.1):
             assert peak() == 0.1
         assert peak() == 0.2
@@ -152,7 +152,7 @@ def test_two_threads_can_use_different_options(both):
     def one(level):
         with chemage.plugin_options("seen", level=level):
             gate.wait()
-            found[level] = run(both).aging.notes[-1]
+            found[level] = run(both).ageing.notes[-1]
             gate.wait()
 
     threads = [threading.Thread(target=one, args=(level,)) for level in (5, 6)]
@@ -246,7 +246,7 @@ def test_a_sweep_over_an_option_computes_what_it_touches(both, tmp_path, executo
     axes = {"plugins.seen.level": [1, 2, 3]}
     result, surfaces, contacts, replicas = computed(both, axes, tmp_path / "levels", **one)
     assert (surfaces, contacts, replicas) == (1, 1, 6)
-    assert [point.aging().notes[-1] for point in result] == ["level 1", "level 2", "level 3"]
+    assert [point.ageing().notes[-1] for point in result] == ["level 1", "level 2", "level 3"]
     # nothing is computed again
     assert computed(both, axes, tmp_path / "levels", **one)[1:] == (0, 0, 0)
 

@@ -46,14 +46,14 @@ def test_it_runs_between_the_contact_and_the_ageing(tmp_path):
     assert list(crept.timings) == ["surface", "contact", "creep", "ageing"]
     assert crept.contact.area > without.contact.area
     assert crept.contact.pressure.sum() == pytest.approx(without.contact.pressure.sum(), rel=1e-9)
-    assert crept.aging.sites.mean() > without.aging.sites.mean()
+    assert crept.ageing.sites.mean() > without.ageing.sites.mean()
     added = crept.measured["grown"].values
     assert added == pytest.approx(crept.contact.area - without.contact.area)
     ca.write(tmp_path / "crept.h5", crept)
     again = ca.read(tmp_path / "crept.h5")
     assert again.contact.provenance["creep"] == {"time": 100.0}
     assert "creep" in again.plugins
-    assert again.aging.provenance["contact"]["creep"] == {"time": 100.0}
+    assert again.ageing.provenance["contact"]["creep"] == {"time": 100.0}
     np.testing.assert_array_equal(again.measured["grown"].values, added)
 
 
@@ -61,7 +61,7 @@ def test_it_is_in_keys_plan_table_and_sweep(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert {key for key, value in scene().keys().items() if value != scene(creep=None).keys()[key]} == {
         "contact",
-        "aging",
+        "ageing",
         "result",
     }
     told = command("check", "silica-tip", "--set", "creep.time='2 s'")
@@ -82,7 +82,7 @@ def test_it_is_in_keys_plan_table_and_sweep(command, tmp_path, monkeypatch):
         ({"section": "hold"}, "this name is taken"),
         ({"section": "name"}, "this name is taken"),
         ({"section": "x", "makes": "contact"}, r"add takes = \('contact',\)"),
-        ({"section": "x", "takes": ("bonds",), "makes": "bonds"}, "nothing makes 'bonds'; there are aging, contact"),
+        ({"section": "x", "takes": ("bonds",), "makes": "bonds"}, "nothing makes 'bonds'; there are ageing, contact"),
         ({"section": "x", "role": "y"}, "there is no role 'y'; declare it in ROLES"),
     ],
 )
@@ -94,14 +94,14 @@ def test_a_declaration_that_cannot_work_is_refused(installed, stage, said):
 
 
 def test_one_that_changes_what_a_scene_does_not_compute_is_refused_by_check_too(installed, command, tmp_path):
-    installed.register(type("Plugin", (), {"STAGES": (Late("late", takes=("aging",), makes="aging"),)}), "late")
+    installed.register(type("Plugin", (), {"STAGES": (Late("late", takes=("ageing",), makes="ageing"),)}), "late")
     file = tmp_path / "late.toml"
     file.write_text(
         'surface = {kind = "sphere", radius = "20 nm", pixels = 64, pixel_size = "0.5 nm"}\n'
         'contact = {kind = "hertz", load = "20 nN", modulus = "40 GPa"}\n'
         "late = {by = 1}\n"
     )
-    said = r"[late] changes what this scene does not compute, 'aging'; leave it out"
+    said = r"[late] changes what this scene does not compute, 'ageing'; leave it out"
     assert said in " ".join(command("check", str(file)).err.split())
     with pytest.raises(ca.InputError, match=re.escape(said)):
         ca.run(file)
@@ -118,7 +118,7 @@ def test_what_it_makes_is_checked(installed):
             contact = inputs.made["contact"]
             return contact.model_copy(update={"pressure": 2 * contact.pressure}) if self.takes else None
 
-    for makes, said in (("contact", "load"), ("aging", "made ContactSolution; expected Aging|expected Aging")):
+    for makes, said in (("contact", "load"), ("ageing", "made ContactSolution; expected Ageing|expected Ageing")):
         plugin = type("Plugin", (), {"STAGES": (Wrong("double", takes=("contact", makes), makes=makes),)})
         with registry.using(registry.Registry()) as plugins:
             plugins.register(plugin, "wrong")

@@ -69,7 +69,7 @@ def run_with(tiny, source: str, **words: str) -> chemage.Run:
 def test_a_wrapper_that_changes_an_answer_took_part(tiny, hook, source):
     run = run_with(tiny, source, hook=hook, answer=changed(hook))
     assert others(run) == {"mine": "by_hand"}
-    assert others(run.aging) == {"mine": "by_hand"}
+    assert others(run.ageing) == {"mine": "by_hand"}
     # at the contact only what came before it
     early = hook in ("chemage_make_surface", "chemage_solve_contact")
     assert others(run.contact) == ({"mine": "by_hand"} if early else {})
@@ -84,7 +84,7 @@ def test_a_wrapper_that_hands_on_the_very_answer_did_not(tiny, hook, source):
     assert others(run) == {}
     assert "mine" not in run.versions
     assert run.contact == plain.contact
-    assert run.aging == plain.aging
+    assert run.ageing == plain.ageing
 
 
 @every_stage

@@ -74,18 +74,18 @@ def test_they_meet_their_roles(noting, section):
 
 def test_what_is_recorded_reaches_file_tables_and_comparison(noting, tmp_path, command):
     run = ca.run(SCENE)
-    contact, aging = run.contact, run.aging
+    contact, ageing = run.contact, run.ageing
     assert set(run.measured) == {"quarters", "broken_share", "first", *NUMBERS}
     assert contact.measured["quarters"].unit == "nN"
     assert contact.measured["quarters"].values.sum() == pytest.approx(20)
     assert contact.observables["skewness"] == run.surface.observables["skewness"]
-    np.testing.assert_array_equal(aging.observables["most_bonds"], aging.bonds.max(axis=1))
-    np.testing.assert_array_equal(aging.observables["first"], np.where(aging.bonds > 0, 2.0, 0.0))
-    assert aging.measured["broken_share"].output == Output("hold_time", "", "bonds that broke, of those formed so far")
+    np.testing.assert_array_equal(ageing.observables["most_bonds"], ageing.bonds.max(axis=1))
+    np.testing.assert_array_equal(ageing.observables["first"], np.where(ageing.bonds > 0, 2.0, 0.0))
+    assert ageing.measured["broken_share"].output == Output("hold_time", "", "bonds that broke, of those formed so far")
     for name in ("a.h5", "b.h5"):
         ca.write(tmp_path / name, run)
     again = ca.read(tmp_path / "a.h5")
-    assert (again.contact, again.aging) == (contact, aging)
+    assert (again.contact, again.ageing) == (contact, ageing)
     assert again.summary()["observables"] == run.summary()["observables"]
     shown = command("show", tmp_path / "a.h5").out
     compared = command("compare", tmp_path / "a.h5", tmp_path / "b.h5").out
@@ -99,10 +99,10 @@ def test_what_is_recorded_reaches_file_tables_and_comparison(noting, tmp_path, c
 
 def test_it_is_the_same_in_parts_from_checkpoints_and_with_states(noting, tmp_path):
     scene = ca.parse_scene(SCENE)
-    whole = ca.run(scene).aging
-    kept = ca.run(scene, checkpoints=tmp_path).aging
+    whole = ca.run(scene).ageing
+    kept = ca.run(scene, checkpoints=tmp_path).ageing
     resumed = ca.run(scene, checkpoints=tmp_path)
-    for one in (kept, resumed.aging):
+    for one in (kept, resumed.ageing):
         assert one == whole
     assert resumed.contact.observables["uneven"] > 1
 
@@ -113,7 +113,7 @@ def test_it_is_the_same_in_parts_from_checkpoints_and_with_states(noting, tmp_pa
         states = True
 
     ca.register(Looking)
-    states = ca.run({**SCENE, "rupture": {"kind": "looking"}}).aging
+    states = ca.run({**SCENE, "rupture": {"kind": "looking"}}).ageing
     for name, values in whole.observables.items():
         np.testing.assert_array_equal(states.observables[name], values)
 

@@ -157,17 +157,17 @@ scene = {
     "hold": {"start": "1 ms", "stop": "1e5 s", "replicas": 4},
 }
 result = ca.run(scene)
-aging, kt = result.aging, ca.plugin.KB * 300.0
+ageing, kt = result.ageing, ca.plugin.KB * 300.0
 # one barrier: the number of bonds times f* = (k_BT/x) ln(r x / (k0 k_BT)), k0 = nu exp(-E/k_BT)
 k0 = 1e13 * np.exp(-1.1 / kt)
 force = kt / 0.1 * NN_NM * np.log(4e3 * 0.1 / (k0 * kt * NN_NM))
 assert 0.9 < force < 1.1
-np.testing.assert_allclose(aging.friction_drop, aging.bonds * force, rtol=1e-9)
+np.testing.assert_allclose(ageing.friction_drop, ageing.bonds * force, rtol=1e-9)
 plain = ca.run({**scene, "rupture": {"kind": "mean-force"}, "observe": []})
-np.testing.assert_array_equal(aging.bonds, plain.aging.bonds)
-bonds = aging.observables["bond_map"].sum(axis=(2, 3)) * (3 * 0.4518) ** 2
-np.testing.assert_allclose(bonds, aging.bonds, rtol=1e-9)
-assert aging.measured["bond_map"].output.dims == ("hold_time", "cell_x", "cell_y")
+np.testing.assert_array_equal(ageing.bonds, plain.ageing.bonds)
+bonds = ageing.observables["bond_map"].sum(axis=(2, 3)) * (3 * 0.4518) ** 2
+np.testing.assert_allclose(bonds, ageing.bonds, rtol=1e-9)
+assert ageing.measured["bond_map"].output.dims == ("hold_time", "cell_x", "cell_y")
 assert "fullest_cell" in result.summary()["observables"]
 assert "bond-map" in figures(result)
 ca.write("bell-a.h5", result)

@@ -65,18 +65,18 @@ def test_its_scene_runs_and_comes_back_from_its_file(package, tmp_path):
     name = package.__name__.removeprefix("chemage_")
     run = ca.run(name)
     assert {name} <= run.plugins.keys()
-    assert run.aging.replicas == 2
-    assert 0 < run.aging.bonds[:, -1].mean() <= run.aging.sites[0]
-    assert run.aging.bonds[0, 0] <= run.aging.bonds[0, -1]
+    assert run.ageing.replicas == 2
+    assert 0 < run.ageing.bonds[:, -1].mean() <= run.ageing.sites[0]
+    assert run.ageing.bonds[0, 0] <= run.ageing.bonds[0, -1]
     # what its hooks did
     assert abs(run.surface.heights.mean()) < 1e-12
-    assert run.aging.observables["pressure_where_bonded"].shape == (2,)
-    assert [call[0] for call in package.CALLS].count(run.aging.engine) >= 2
+    assert run.ageing.observables["pressure_where_bonded"].shape == (2,)
+    assert [call[0] for call in package.CALLS].count(run.ageing.engine) >= 2
     ca.write(tmp_path / "run.h5", run)
     again = ca.read(tmp_path / "run.h5")
-    assert again.scene["engine"]["kind"] == f"{name}:{run.aging.engine}"
+    assert again.scene["engine"]["kind"] == f"{name}:{run.ageing.engine}"
     assert ca.parse_scene(again.scene) == ca.load_scene(name)
-    assert np.array_equal(ca.run(ca.parse_scene(again.scene)).aging.bonds, run.aging.bonds)
+    assert np.array_equal(ca.run(ca.parse_scene(again.scene)).ageing.bonds, run.ageing.bonds)
 
 
 def test_its_reader_reads(package, tmp_path):
@@ -103,13 +103,13 @@ def test_rupture_pulling_ageing_materials_and_names_of_0_2(package):
     scene = ca.load_scene("basalt")
     run = ca.run(scene)
     assert run.contact.max_pressure == 3.0  # of its options
-    assert (run.aging.rupture_force[:, -1] > 0).all()
+    assert (run.ageing.rupture_force[:, -1] > 0).all()
     pulled = {"kind": "pulled", "speed": 100.0, "distance": 0.1, "bond_stiffness": 10.0, "transition_distance": 0.03}
-    forces = ca.run(ca.load_scene(scene, {"rupture": {**pulled, "engine": "basalt-rigid"}})).aging.rupture_force
-    np.testing.assert_allclose(forces, run.aging.bonds * 10.0 * 0.1)
+    forces = ca.run(ca.load_scene(scene, {"rupture": {**pulled, "engine": "basalt-rigid"}})).ageing.rupture_force
+    np.testing.assert_allclose(forces, run.ageing.bonds * 10.0 * 0.1)
     lasting = {"breaking": None, "interaction": None, "rupture": None, "observe": None}
     counted = ca.run(ca.load_scene(scene, {**lasting, "ageing.kind": "basalt-count"}))
-    assert counted.aging.bonds[0, -1] > 0
+    assert counted.ageing.bonds[0, -1] > 0
 
 
 def test_modules_of_0_1_say_where_their_names_are(old_modules):

@@ -194,7 +194,7 @@ def test_a_simulated_programme_is_a_trace():
     # from the last quarter of the first slide on
     assert trace.times[0] == pytest.approx(0.3, abs=0.005)
     assert trace.loading.times == pytest.approx([0.3, 0.4], abs=0.005)
-    assert trace.friction[-1] == pytest.approx(run.aging.friction_drop[:, -1].mean() / 50)
+    assert trace.friction[-1] == pytest.approx(run.ageing.friction_drop[:, -1].mean() / 50)
     slides = [{"speed": "10 nm/s", "distance": "1 nm"}, {"speed": {"to": "100 nm/s"}, "distance": "1 nm"}]
     del scene["protocol"]
     with pytest.raises(InputError, match=r"step\.1\.speed: .*write ramps as steps"):

@@ -37,7 +37,7 @@ def test_a_sweep_its_folder_and_its_points_give_the_same(swept):
     found = ca.arrhenius(swept)
     assert found.temperatures.tolist() == [280, 310, 340]
     assert found.energies
-    for same in (swept.folder, str(swept.folder), list(swept), [point.aging() for point in swept]):
+    for same in (swept.folder, str(swept.folder), list(swept), [point.ageing() for point in swept]):
         assert ca.arrhenius(same).todict() == found.todict()
 
 
@@ -65,7 +65,7 @@ def test_another_axis_must_be_chosen(crossed):
     with pytest.raises(ca.InputError, match=r"no point has contact\.load = 7"):
         ca.arrhenius(crossed, where={"contact.load": 7})
     with pytest.raises(ca.InputError, match="where: chooses points of a sweep"):
-        ca.arrhenius([crossed[0].aging()], where={"contact.load": 20})
+        ca.arrhenius([crossed[0].ageing()], where={"contact.load": 20})
 
 
 def test_a_sweep_without_temperature_is_refused(tmp_path):

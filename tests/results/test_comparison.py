@@ -64,9 +64,9 @@ def results(tmp_path_factory):
     untouched = dict.fromkeys(("forming", "breaking", "interaction", "chemistry", "engine", "hold", "observe"))
     make("dry", ROUGH, **untouched)
     make("unloaded", TIP, **{"contact.load": 0})
-    aging = made["rough"].aging
-    assert aging is not None
-    ca.write(folder / "aging.h5", aging)
+    ageing = made["rough"].ageing
+    assert ageing is not None
+    ca.write(folder / "ageing.h5", ageing)
     ca.write(folder / "contact.h5", made["rough"].contact)
     surface = made["rough"].surface
     assert surface is not None
@@ -114,13 +114,13 @@ def test_each_column_tells_what_its_run_tells_alone(results):
 
 def test_a_time_between_hold_times_is_taken_evenly_in_log_time(results):
     (one,) = of(results, "tip").results
-    aging = one.aging
-    assert aging is not None
-    place = int(np.argmin(np.abs(aging.hold_times - 10.0)))
-    between = math.sqrt(aging.hold_times[place] * aging.hold_times[place + 1])
-    times = [between, aging.hold_times[place], 1e-4, 1e6]
+    ageing = one.ageing
+    assert ageing is not None
+    place = int(np.argmin(np.abs(ageing.hold_times - 10.0)))
+    between = math.sqrt(ageing.hold_times[place] * ageing.hold_times[place + 1])
+    times = [between, ageing.hold_times[place], 1e-4, 1e6]
     halfway, there, *outside = (one["friction_drop"] for one in of(results, "tip", times=times).numbers()[0]["at"][:4])
-    mean = aging.mean_friction_drop
+    mean = ageing.mean_friction_drop
     assert halfway == pytest.approx(0.5 * (mean[place] + mean[place + 1]), rel=1e-9)
     assert there == pytest.approx(mean[place], rel=1e-12)
     assert outside == [None, None]
@@ -172,7 +172,7 @@ def test_json_is_plain_and_has_no_nan(results):
 
 
 def test_one_chemistry_on_different_contacts_is_the_same(results):
-    comparison = of(results, "tip", "rough", "aging")
+    comparison = of(results, "tip", "rough", "ageing")
     assert comparison.chemistry_differences() == {}
     assert comparison.statement() == "Chemistry: the same in all results."
     assert comparison.todict()["same_chemistry"] is True
@@ -187,7 +187,7 @@ def test_one_chemistry_on_different_contacts_is_the_same(results):
     [
         (("rough", "strong"), {"interaction.strength": (0.1, 0.5)}),
         (("rough", "hot"), {"temperature": (300.0, 350.0)}),
-        (("aging", "strong"), {"interaction.strength": (0.1, 0.5)}),
+        (("ageing", "strong"), {"interaction.strength": (0.1, 0.5)}),
         (("strong", "rough", "hot"), {"interaction.strength": (0.5, 0.1, 0.1), "temperature": (300.0, 300.0, 350.0)}),
     ],
 )
@@ -215,10 +215,10 @@ def test_contacts_that_were_not_aged_have_no_chemistry_to_compare(results):
 
 
 def test_ageing_and_contacts_alone_are_compared_as_far_as_they_go(results):
-    run, aging, contact = of(results, "rough", "aging", "contact").numbers()
-    assert aging["area"] == run["area"] == contact["area"]
-    assert aging["beta"] == run["beta"]
-    assert aging["at"] == run["at"]
+    run, ageing, contact = of(results, "rough", "ageing", "contact").numbers()
+    assert ageing["area"] == run["area"] == contact["area"]
+    assert ageing["beta"] == run["beta"]
+    assert ageing["at"] == run["at"]
     assert contact["beta"] is None
 
 
@@ -381,8 +381,12 @@ def test_results_far_apart_are_drawn_on_a_logarithmic_axis(results):
     near = comparison_figures(of(results, "tip", "free"))["friction-drop"].axes[0]
     assert near.get_yscale() == "linear"
     run = results[1]["rough"]
-    aging = run.aging.fromdict({**run.aging.todict(), "bonds": run.aging.bonds * 1000, "sites": run.aging.sites * 1000})
-    far = comparison_figures(Comparison([*of(results, "tip").results, Entry.of(aging, "far")]))["friction-drop"].axes[0]
+    ageing = run.ageing.fromdict(
+        {**run.ageing.todict(), "bonds": run.ageing.bonds * 1000, "sites": run.ageing.sites * 1000}
+    )
+    far = comparison_figures(Comparison([*of(results, "tip").results, Entry.of(ageing, "far")]))["friction-drop"].axes[
+        0
+    ]
     assert far.get_yscale() == "log"
 
 

@@ -11,7 +11,7 @@ from seen import every_figure, figures, published, report, result_of
 
 import chemage
 import chemage_ageing
-from chemage import Aging, ContactSolution, compare_files, load_scene
+from chemage import Ageing, ContactSolution, compare_files, load_scene
 from chemage.plugin import StoreError, looks, statistics
 from chemage.plugin import figures as plots
 from chemage.plugin import text as wording
@@ -99,7 +99,7 @@ def test_full_contact_is_shown_between_its_extremes():
 
 def test_friction_is_drawn_with_its_errors_and_its_fit(result):
     coefficient, local = figures(result)["friction"].axes
-    t, drops = np.log10(result.aging.hold_times), result.aging.friction_coefficient_drop
+    t, drops = np.log10(result.ageing.hold_times), result.ageing.friction_coefficient_drop
     pairs = [(i, min(j for j in range(t.size) if t[j] - t[i] > 0.499)) for i in range(t.size) if t[-1] - t[i] > 0.499]
     slopes = np.array([(drops[:, j] - drops[:, i]) / (t[j] - t[i]) for i, j in pairs]).T
     for axes, times, values in (
@@ -124,7 +124,7 @@ def test_friction_is_drawn_with_its_errors_and_its_fit(result):
         == f"β = {wording.with_error(fit.beta, fit.beta_half_width)} per decade (fitted line, 10–10⁴ s)"
     )
     labels = [text.get_text() for text in coefficient.get_legend().get_texts()]
-    assert labels == [f"{result.name}, mean of {result.aging.replicas} replicas, 95 %", fitted.get_label()]
+    assert labels == [f"{result.name}, mean of {result.ageing.replicas} replicas, 95 %", fitted.get_label()]
 
 
 def test_barriers_are_normalised_and_labelled_for_what_lowered_them(result, tmp_path, small_text):
@@ -254,14 +254,14 @@ def test_one_patch_is_drawn_once_and_no_contact_not_at_all():
 
 
 def test_without_load_there_is_no_empty_panel(result):
-    aging = Aging(**result.aging.todict() | {"load": 0.0})
-    figure = figures(replace(result, aging=aging))["friction"]
+    ageing = Ageing(**result.ageing.todict() | {"load": 0.0})
+    figure = figures(replace(result, ageing=ageing))["friction"]
     labels = ["friction drop ΔF (nN)", "slope dΔF/dlog$_{10}$t per decade (nN)"]
     assert [axes.get_ylabel() for axes in figure.axes] == labels
-    once = Aging(**aging.todict() | {"hold_times": np.full_like(aging.hold_times, 10.0)})
-    assert len(figures(replace(result, aging=once))["friction"].axes) == 1
-    at_once = Aging(**aging.todict() | {"hold_times": np.zeros_like(aging.hold_times)})
-    assert "friction" not in figures(replace(result, aging=at_once))
+    once = Ageing(**ageing.todict() | {"hold_times": np.full_like(ageing.hold_times, 10.0)})
+    assert len(figures(replace(result, ageing=once))["friction"].axes) == 1
+    at_once = Ageing(**ageing.todict() | {"hold_times": np.zeros_like(ageing.hold_times)})
+    assert "friction" not in figures(replace(result, ageing=at_once))
 
 
 def test_the_published_slope_of_a_scene_is_drawn_beside_its_fit():

@@ -18,7 +18,7 @@ from chemage.plugin import Panel, Picture, Result
 SOURCES = Path(ca.__file__).parent
 #: data classes of results, and the classes that show them
 KINDS = {
-    *("Run", "Aging", "ContactSolution", "ContactStatistics", "Surface", "BondHistory", "SweepResult", "Point"),
+    *("Run", "Ageing", "ContactSolution", "ContactStatistics", "Surface", "BondHistory", "SweepResult", "Point"),
     *("Ensemble", "Inference", "InferenceResult", "Forecast", "Arrhenius", "TradeMap"),
 }
 #: rooms in which contacts, histories and maps are arguments of a computation, and checks of what a plugin returns
@@ -114,11 +114,11 @@ def test_it_stands_beside_others(files, command):
 
 
 def test_it_stands_beside_kinds_that_are_built_in(files, command, examples):
-    ca.write("aging.h5", examples.aging())
-    rows = dict(ca.compare_files(["aging.h5", files[0]]).table())
+    ca.write("ageing.h5", examples.ageing())
+    rows = dict(ca.compare_files(["ageing.h5", files[0]]).table())
     assert rows["grains at the end"] == ["-", "9 <b>"]
     assert rows["engine"][1] == "-"
-    assert command("report", "aging.h5", files[0]).status == 0
+    assert command("report", "ageing.h5", files[0]).status == 0
 
 
 def test_it_has_a_page(files, command):

@@ -124,7 +124,7 @@ def test_pictures_are_described_and_tables_have_headers(one, files):
     # in numbers, for those who do not see the curve
     drop = next(attrs["aria-label"] for attrs in drawings if attrs["aria-label"].startswith("friction drop"))
     run = ca.read(files[0])
-    assert f"{run.aging.mean_friction_drop[-1]:.3g} at 10000 s" in drop
+    assert f"{run.ageing.mean_friction_drop[-1]:.3g} at 10000 s" in drop
     assert len(page.of("table")) == one.count('<th scope="col"') - one.count('</th><th scope="col"')
     assert {attrs["scope"] for attrs in page.of("th")} == {"col", "row"}
 
@@ -132,8 +132,8 @@ def test_pictures_are_described_and_tables_have_headers(one, files):
 def test_numbers_scene_provenance_and_citations_are_there(one, files):
     run, text = ca.read(files[0]), Page(one).text
     assert run.contact.quantity("area").text() in text
-    assert f"{run.aging.hold_times[3]:.6g}" in text
-    for digest in (*run.keys.values(), run.contact.digest(), run.aging.digest()):
+    assert f"{run.ageing.hold_times[3]:.6g}" in text
+    for digest in (*run.keys.values(), run.contact.digest(), run.ageing.digest()):
         assert digest in text
     for name, version in run.versions.items():
         assert name in text
@@ -190,11 +190,11 @@ def test_measurements_are_fitted_and_shown(files, tmp_path):
 @pytest.mark.long
 def test_ageing_or_a_contact_alone_make_a_report_too(files, tmp_path):
     run = ca.read(files[0])
-    ca.write(tmp_path / "aging.h5", run.aging)
+    ca.write(tmp_path / "ageing.h5", run.ageing)
     ca.write(tmp_path / "contact.h5", run.contact)
-    page = Page(report([tmp_path / "aging.h5", tmp_path / "contact.h5"]))
+    page = Page(report([tmp_path / "ageing.h5", tmp_path / "contact.h5"]))
     assert page.problems == []
-    assert run.aging.digest() in page.text
+    assert run.ageing.digest() in page.text
     assert run.contact.digest() in page.text
 
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 import chemage as ca
 from chemage import errors
 
-KINDS = ("surface", "contact", "history", "aging")
+KINDS = ("surface", "contact", "history", "ageing")
 
 
 @pytest.fixture(autouse=True)
@@ -57,42 +57,42 @@ def test_statistics_are_drawn_and_shown(statistics):
 
 def test_a_run_is_drawn_side_by_side_or_in_part(run):
     assert len(run.plot()) == 3
-    (axes,) = run.plot("aging")
+    (axes,) = run.plot("ageing")
     assert axes.get_ylabel() == "friction coefficient drop Δμ"
     shown = run._repr_html_()
     assert run.fit().texts()[0] in shown
     assert len(shown) < 200_000
-    with pytest.raises(ca.InputError, match=r"plot: small has no 'gap'; it has surface, contact, aging"):
+    with pytest.raises(ca.InputError, match=r"plot: small has no 'gap'; it has surface, contact, ageing"):
         run.plot("gap")
 
 
 def test_curves_in_one_plot_are_not_cut(examples):
-    aging = examples.aging()
-    higher = aging.model_copy(update={"rupture_force": 10 * aging.friction_drop})
-    axes = higher.plot(aging.plot(fit=False), fit=False)
+    ageing = examples.ageing()
+    higher = ageing.model_copy(update={"rupture_force": 10 * ageing.friction_drop})
+    axes = higher.plot(ageing.plot(fit=False), fit=False)
     assert axes.get_ylim()[0] == 0
     assert axes.get_ylim()[1] > higher.mean_friction_coefficient_drop.max()
 
 
-def test_aging_without_load_shows_the_force(examples):
-    aging = examples.aging(load=0.0)
-    assert aging.plot().get_ylabel() == "friction drop ΔF (nN)"
-    assert aging.plot(quantity="friction_coefficient_drop").texts[0].get_text() == "undefined: no load"
+def test_ageing_without_load_shows_the_force(examples):
+    ageing = examples.ageing(load=0.0)
+    assert ageing.plot().get_ylabel() == "friction drop ΔF (nN)"
+    assert ageing.plot(quantity="friction_coefficient_drop").texts[0].get_text() == "undefined: no load"
 
 
-def test_the_bars_of_an_aging_curve_say_what_they_are(examples):
+def test_the_bars_of_an_ageing_curve_say_what_they_are(examples):
     def entries(axes):
         return [text.get_text() for text in axes.get_legend().get_texts()]
 
-    aging = examples.aging()
-    of = f"mean of {aging.replicas} replicas, 95 %"
-    assert entries(aging.plot(fit=False)) == [of]
-    assert entries(aging.plot(fit=False, label="rough")) == [f"rough, {of}"]
+    ageing = examples.ageing()
+    of = f"mean of {ageing.replicas} replicas, 95 %"
+    assert entries(ageing.plot(fit=False)) == [of]
+    assert entries(ageing.plot(fit=False, label="rough")) == [f"rough, {of}"]
 
 
 def test_everything_shown_is_escaped(run, examples):
     evil = "<script>alert(1)</script>"
-    assert evil not in examples.aging(notes=(evil,), engine=evil)._repr_html_()
+    assert evil not in examples.ageing(notes=(evil,), engine=evil)._repr_html_()
     assert evil not in ca.Run({**run.scene, "title": evil}, run.contact)._repr_html_()
 
 
@@ -133,7 +133,7 @@ def test_xarray_of_a_run_has_all_its_parts(run):
     data = run.to_xarray()
     assert data.heights.dims == data.pressure.dims == ("x", "y")
     assert data.bonds.dims == ("replica", "hold_time")
-    assert np.array_equal(data.friction_drop, run.aging.mean_friction_drop)
+    assert np.array_equal(data.friction_drop, run.ageing.mean_friction_drop)
     assert data.friction_drop.attrs["units"] == "nN"
     assert data.attrs["contact.load"] == 40.0
 
@@ -142,9 +142,9 @@ def test_pandas_has_a_row_for_each_hold_time(run, examples):
     pytest.importorskip("pandas")
     table = run.to_pandas()
     assert table.index.name == "hold_time"
-    assert np.array_equal(table.index, run.aging.hold_times)
-    assert np.array_equal(table.friction_drop, run.aging.mean_friction_drop)
-    assert np.array_equal(table.friction_drop_half_width, run.aging.friction_drop_half_width, equal_nan=True)
+    assert np.array_equal(table.index, run.ageing.hold_times)
+    assert np.array_equal(table.friction_drop, run.ageing.mean_friction_drop)
+    assert np.array_equal(table.friction_drop_half_width, run.ageing.friction_drop_half_width, equal_nan=True)
     assert table.attrs["replicas"] == 3
     heights = examples.surface().to_pandas()
     assert heights.shape == (3, 4)
@@ -167,12 +167,12 @@ def test_a_missing_library_names_the_extra(library, method, monkeypatch, example
 
 
 def test_dir_lists_what_is_ours(examples):
-    for thing in (examples.aging(), examples.surface(), ca.contact("hertz", modulus=1)):
+    for thing in (examples.ageing(), examples.surface(), ca.contact("hertz", modulus=1)):
         names = dir(thing)
         assert not [name for name in names if name.startswith("model_")]
         assert not {"construct", "parse_obj", "copy", "json", "schema"} & set(names)
         assert "todict" in names
-    assert {"plot", "fit", "bonds", "to_pandas"} <= set(dir(examples.aging()))
+    assert {"plot", "fit", "bonds", "to_pandas"} <= set(dir(examples.ageing()))
     assert "modulus" in dir(ca.contact("hertz", modulus=1))
 
 
@@ -180,7 +180,7 @@ def test_nothing_heavy_is_imported_before_it_is_used():
     import subprocess
 
     program = (
-        "import sys, chemage as ca; ca.Surface(heights=[[1., 2.]], pixel_size=1.0); ca.Aging; ca.run\n"
+        "import sys, chemage as ca; ca.Surface(heights=[[1., 2.]], pixel_size=1.0); ca.Ageing; ca.run\n"
         "heavy = {'matplotlib', 'xarray', 'pandas', 'chemage.results.kinds'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )

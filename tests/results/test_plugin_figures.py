@@ -73,7 +73,7 @@ def test_a_component_of_any_role_brings_figures(tiny, parts, tmp_path, role):
     assert type(one) is cls
     assert isinstance(result, ca.plugin.PlottedResult)
     assert (result.label, result.color) == ("tiny", plots.BLUE)
-    assert result.aging == run.aging
+    assert result.ageing == run.ageing
     assert result.contact == run.contact
     assert result.surface == run.surface
     assert result.chemistry is not None
@@ -126,8 +126,8 @@ def test_contact_mechanics_alone_has_the_figures_of_its_components(tiny, parts, 
 def test_an_ageing_curve_alone_has_the_figures_of_its_chemistry_and_engine(tiny, parts, tmp_path):
     drawing(parts.Flat, "flat", {"flat-figure": "Barriers."}, level)
     drawing(parts.Coin, "coin", {"coin-figure": "Coins."}, level)
-    ca.write(tmp_path / "aging.h5", ran(tiny, forming={"kind": "flat"}, engine={"kind": "coin"}).aging)
-    assert {"flat-figure", "coin-figure"} <= set(comparison_figures(compare_files([tmp_path / "aging.h5"])))
+    ca.write(tmp_path / "ageing.h5", ran(tiny, forming={"kind": "flat"}, engine={"kind": "coin"}).ageing)
+    assert {"flat-figure", "coin-figure"} <= set(comparison_figures(compare_files([tmp_path / "ageing.h5"])))
 
 
 # -- what goes wrong --------------------------------------------------------------------------------------------------
@@ -312,15 +312,15 @@ class Count(ca.plugin.Observable):
     def draw(self, figure, axes, results):
         assert all(isinstance(one, ca.plugin.Observed) for one in results)
         for one in results:
-            axes.plot(one.aging.observables["bonded"], label=one.label)
+            axes.plot(one.ageing.observables["bonded"], label=one.label)
 
 
 def test_observables_draw_as_before(tiny):
     ca.register(Count)
     run = ran(tiny, observe=[{"kind": "count"}])
     (line,) = figures(run)["count"].axes[0].lines
-    assert np.array_equal(line.get_ydata(), run.aging.observables["bonded"])
-    one = ca.plugin.Observed("one", run.aging, None, "C0")
+    assert np.array_equal(line.get_ydata(), run.ageing.observables["bonded"])
+    one = ca.plugin.Observed("one", run.ageing, None, "C0")
     assert (one.label, one.chemistry, one.color, one.contact, one.surface) == ("one", None, "C0", None, None)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import faults as faults_made
 import numpy as np
 import pytest
-from made_results import every_result, made_aging, made_comparison, made_contact, made_run, made_surface
+from made_results import every_result, made_ageing, made_comparison, made_contact, made_run, made_surface
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
@@ -231,7 +231,7 @@ def test_a_style_file_replaces_colours_fonts_and_lines(tmp_path):
     file = tmp_path / "mine.mplstyle"
     file.write_text('axes.prop_cycle: cycler("color", ["111111", "222222"])\naxes.titlesize: 11\nlines.linewidth: 3\n')
     with looks.drawn_as(looks.Look.of("1", None, file)):
-        axes = figures(made_aging(load=0.0))["friction"].axes[0]
+        axes = figures(made_ageing(load=0.0))["friction"].axes[0]
     assert to_hex(axes.lines[0].get_color()) == "#111111"
     assert axes.title.get_fontsize() == 11
     assert axes.xaxis.label.get_fontsize() == 8
@@ -239,14 +239,14 @@ def test_a_style_file_replaces_colours_fonts_and_lines(tmp_path):
 
 def test_a_font_has_family_and_size(tmp_path):
     with looks.drawn_as(looks.Look.of("2", "DejaVu Serif 10")):
-        made = figures(made_aging())
+        made = figures(made_ageing())
         plots.save_figures(made, tmp_path, suffix="svg", data=True)
     text = (tmp_path / "friction.svg").read_text()
     assert "font-family: 'DejaVu Serif'" in text or "DejaVu Serif" in text
     assert ">hold time (s)</text>" in text
     assert made["friction"].axes[0].xaxis.label.get_fontsize() == 10
     with looks.drawn_as():
-        plots.save_figures(figures(made_aging()), tmp_path, suffix="pdf")
+        plots.save_figures(figures(made_ageing()), tmp_path, suffix="pdf")
     assert b"/Type3" not in (tmp_path / "friction.pdf").read_bytes()
 
 
@@ -276,14 +276,14 @@ def test_wrong_looks_are_refused(width, font, style, words, tmp_path):
 
 
 def test_panels_are_chosen_by_name():
-    aging = made_aging()
-    (name,) = figures(aging, ["slope"])
+    ageing = made_ageing()
+    (name,) = figures(ageing, ["slope"])
     assert name == "friction-slope"
-    assert list(figures(aging, ["friction"])) == ["friction", "friction-slope"]
-    (one,) = figures(aging, ["friction-slope"]).values()
+    assert list(figures(ageing, ["friction"])) == ["friction", "friction-slope"]
+    (one,) = figures(ageing, ["friction-slope"]).values()
     assert len(one.axes) == 1
     with pytest.raises(ca.InputError, match=r"did you mean 'slope'.*choose of friction, slope"):
-        figures(aging, ["slop"])
+        figures(ageing, ["slop"])
 
 
 def table(figure: Figure) -> list[dict[str, str]]:
@@ -291,12 +291,12 @@ def table(figure: Figure) -> list[dict[str, str]]:
 
 
 def test_the_table_beside_a_figure_has_its_numbers():
-    aging = made_aging()
-    rows = [row for row in table(figures(aging)["friction"]) if "replicas" in row["curve"] and row["panel"] == "1"]
-    assert [float(row["x"]) for row in rows] == aging.hold_times.tolist()
-    assert [float(row["y"]) for row in rows] == aging.mean_friction_coefficient_drop.tolist()
+    ageing = made_ageing()
+    rows = [row for row in table(figures(ageing)["friction"]) if "replicas" in row["curve"] and row["panel"] == "1"]
+    assert [float(row["x"]) for row in rows] == ageing.hold_times.tolist()
+    assert [float(row["y"]) for row in rows] == ageing.mean_friction_coefficient_drop.tolist()
     half = [0.5 * (float(row["high"]) - float(row["low"])) for row in rows]
-    assert half == pytest.approx(aging.friction_coefficient_drop_half_width)
+    assert half == pytest.approx(ageing.friction_coefficient_drop_half_width)
     assert rows[0]["y quantity"] == "friction coefficient drop Δμ"
 
 
@@ -331,7 +331,7 @@ def test_forecasts_and_measurements_have_the_colour_of_their_condition(results, 
 
 @pytest.mark.long
 def test_scatter_between_surfaces_is_drawn_where_it_is_larger_than_the_error_of_the_replicas(monkeypatch):
-    run = made_run(made_aging())
+    run = made_run(made_ageing())
     error = run.fit().relative_stderr
     for scatter, expected in ((0.5 * error, []), (0.1, ["β of other surfaces, 95 % (± 20 %)"]), (None, []), (0.0, [])):
         faults_made.known_scatter(monkeypatch, scatter)

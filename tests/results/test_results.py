@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import chemage
-from chemage import Aging, ContactSolution, ReactionLattice, Surface, load_scene
+from chemage import Ageing, ContactSolution, ReactionLattice, Surface, load_scene
 from chemage.plugin import BondHistory, DamagedError, StoreError, container
 
 TRICKY = {
@@ -105,7 +105,7 @@ OBJECTS = {
         temperature=1.0,
         engine="",
     ),
-    "aging": Aging(
+    "ageing": Ageing(
         hold_times=[0.0, 1e-100, 1e100],
         bonds=[[0, 1, 2], [3, 4, 2**62]],
         sites=[9, 2**62],
@@ -197,7 +197,7 @@ def test_a_run_comes_back_whole(finished):
     again = chemage.read(file)
     for name in ("scene", "timings", "versions", "keys", "cite"):
         same(getattr(again, name), getattr(run, name))
-    assert (again.surface, again.contact, again.aging) == (run.surface, run.contact, run.aging)
+    assert (again.surface, again.contact, again.ageing) == (run.surface, run.contact, run.ageing)
     same(again.summary(), run.summary())
 
 
@@ -216,7 +216,7 @@ def test_the_root_says_what_the_run_was(finished):
         ("surface", {"x": 48, "y": 48}, {"heights": "nm", "x": "nm", "y": "nm"}),
         ("contact", {"x": 48, "y": 48}, {"pressure": "GPa", "x": "nm", "y": "nm"}),
         (
-            "aging",
+            "ageing",
             {"replica": 3, "hold_time": 17},
             {"hold_time": "s", "bonds": "1", "sites": "1", "friction_drop": "nN"},
         ),
@@ -235,7 +235,7 @@ def test_xarray_reads_every_group(finished, group, dims, units):
                 stored = data[thing.stored_names.get(name, name)]
                 assert stored.dims == dimensions
                 assert np.array_equal(stored.values, getattr(thing, name))
-        if group == "aging":
+        if group == "ageing":
             assert "hold_time" in data.coords
             assert data["bonds"].sel(hold_time=100.0, method="nearest").shape == (3,)
         else:
@@ -245,8 +245,8 @@ def test_xarray_reads_every_group(finished, group, dims, units):
 
 def test_xarray_reads_the_observables(finished):
     run, file = finished
-    with xarray.open_dataset(file, group="aging/observables", engine="h5netcdf") as data:
-        assert set(data.data_vars) == set(run.aging.observables)
+    with xarray.open_dataset(file, group="ageing/observables", engine="h5netcdf") as data:
+        assert set(data.data_vars) == set(run.ageing.observables)
 
 
 # -- what follows from the bonds ---------------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ FRICTION = [f"friction{quantity}_drop{error}" for quantity in ("", "_coefficient
 
 def test_friction_and_its_errors_are_beside_the_bonds(finished):
     run, file = finished
-    with xarray.open_dataset(file, group="aging", engine="h5netcdf") as data:
+    with xarray.open_dataset(file, group="ageing", engine="h5netcdf") as data:
         summary = run.summary()
         for name in (*FRICTION, "friction_drop_half_width", "friction_coefficient_drop_half_width"):
             assert data[name].dims == ("hold_time",)
@@ -269,57 +269,57 @@ def test_friction_and_its_errors_are_beside_the_bonds(finished):
         assert data.attrs["fit_window"].tolist() == list(run.window)
         derived = set(json.loads(data.attrs["derived"]))
         assert {*FRICTION, "beta", "fit_window"} <= derived
-        assert not derived & set(Aging.model_fields)
+        assert not derived & set(Ageing.model_fields)
 
 
 def test_curves_carry_the_dimension_scale_of_the_hold_times(finished):
     with h5py.File(finished[1]) as opened:
-        aging = opened["aging"]
+        ageing = opened["ageing"]
         for name in (*FRICTION, "bonds"):
-            assert aging[name].dims[aging[name].ndim - 1][0] == aging["hold_time"]
+            assert ageing[name].dims[ageing[name].ndim - 1][0] == ageing["hold_time"]
 
 
 def test_the_fit_is_that_of_the_window_of_the_scene(finished, tmp_path):
     run = finished[0]
     narrow = dataclasses.replace(run, scene={**run.scene, "fit": {"start": 1.0, "stop": 100.0}})
     chemage.write(tmp_path / "run.h5", narrow)
-    chemage.write(tmp_path / "aging.h5", run.aging)
-    for file, fit in (("run.h5", narrow.fit()), ("aging.h5", run.aging.fit())):
+    chemage.write(tmp_path / "ageing.h5", run.ageing)
+    for file, fit in (("run.h5", narrow.fit()), ("ageing.h5", run.ageing.fit())):
         with h5py.File(tmp_path / file) as opened:
-            assert opened["aging"].attrs["beta"] == [fit.beta]
+            assert opened["ageing"].attrs["beta"] == [fit.beta]
 
 
 def test_what_cannot_be_derived_is_absent(tmp_path):
-    chemage.write(tmp_path / "x.h5", OBJECTS["aging"])
+    chemage.write(tmp_path / "x.h5", OBJECTS["ageing"])
     with h5py.File(tmp_path / "x.h5") as opened:
-        aging = opened["aging"]
-        assert "friction_drop" in aging
-        assert "friction_coefficient_drop" not in aging, "there is no load"
-        assert "beta" not in aging.attrs
+        ageing = opened["ageing"]
+        assert "friction_drop" in ageing
+        assert "friction_coefficient_drop" not in ageing, "there is no load"
+        assert "beta" not in ageing.attrs
 
 
 def test_derived_numbers_are_computed_again_and_never_read(finished, tmp_path):
     run, _ = finished
     wrong = SimpleNamespace(
-        variables={"friction_drop": (("hold_time",), run.aging.hold_times, "nN", "wrong")}, attributes={"beta": 7.0}
+        variables={"friction_drop": (("hold_time",), run.ageing.hold_times, "nN", "wrong")}, attributes={"beta": 7.0}
     )
-    container.write(tmp_path / "x.h5", run.parts(), run.attributes(), derived={"aging": wrong})
+    container.write(tmp_path / "x.h5", run.parts(), run.attributes(), derived={"ageing": wrong})
     again = chemage.read(tmp_path / "x.h5")
-    assert again.aging == run.aging
+    assert again.ageing == run.ageing
     assert again.summary() == run.summary()
 
 
 def test_observables_share_the_dimensions_of_their_result(tmp_path):
     declared = {"a": {"dims": ["hold_times", "bin"], "unit": "", "description": ""}}
-    aging = OBJECTS["aging"].model_copy(update={"observables": {"a": np.ones((2, 3, 4))}, "outputs": declared})
-    chemage.write(tmp_path / "x.h5", aging)
-    assert chemage.read(tmp_path / "x.h5") == aging
-    with xarray.open_dataset(tmp_path / "x.h5", group="aging/observables", engine="h5netcdf") as data:
+    ageing = OBJECTS["ageing"].model_copy(update={"observables": {"a": np.ones((2, 3, 4))}, "outputs": declared})
+    chemage.write(tmp_path / "x.h5", ageing)
+    assert chemage.read(tmp_path / "x.h5") == ageing
+    with xarray.open_dataset(tmp_path / "x.h5", group="ageing/observables", engine="h5netcdf") as data:
         assert dict(data["a"].sizes) == {"replica": 2, "hold_time": 3, "bin": 4}
     if not hasattr(xarray, "open_datatree"):  # since 2024.10
         return
     with xarray.open_datatree(tmp_path / "x.h5", engine="h5netcdf") as tree:
-        assert tree["aging/observables"]["a"].sel(hold_time=0.0).shape == (2, 4)
+        assert tree["ageing/observables"]["a"].sel(hold_time=0.0).shape == (2, 4)
 
 
 def test_a_pressure_map_is_compressed_and_noise_is_not(tmp_path):
@@ -335,7 +335,7 @@ from chemage import load_scene
 digests = []
 for seed in (5, 5, 6):
     run = chemage.run(load_scene("small.toml", {"hold.seed": seed, "surface.seed": seed}))
-    digests.append([run.surface.digest(), run.contact.digest(), run.aging.digest()])
+    digests.append([run.surface.digest(), run.contact.digest(), run.ageing.digest()])
 print(json.dumps(digests))
 """
 
@@ -406,8 +406,8 @@ def test_files_without_hard_links_work_too(tmp_path, monkeypatch):
 
 def test_one_object_is_read_alone(finished):
     _, file = finished
-    parts, attributes = container.read(file, {"aging": Aging})
-    assert list(parts) == ["aging"]
+    parts, attributes = container.read(file, {"ageing": Ageing})
+    assert list(parts) == ["ageing"]
     assert attributes["chemage_format"] == container.FORMAT
 
 
@@ -415,10 +415,10 @@ def test_one_object_is_read_alone(finished):
 
 
 def write_two(path):
-    container.write(path, {"contact": OBJECTS["contact"], "aging": OBJECTS["aging"]}, {"scene": "{}"})
+    container.write(path, {"contact": OBJECTS["contact"], "ageing": OBJECTS["ageing"]}, {"scene": "{}"})
 
 
-@pytest.mark.parametrize(("group", "array"), [("contact", "pressure"), ("aging", "bonds")])
+@pytest.mark.parametrize(("group", "array"), [("contact", "pressure"), ("ageing", "bonds")])
 def test_damage_is_named_by_file_and_group(tmp_path, group, array):
     file = tmp_path / "x.h5"
     write_two(file)
@@ -432,11 +432,11 @@ def test_damage_is_named_by_file_and_group(tmp_path, group, array):
 
 
 def change_number(file):
-    file["aging/bonds"][0, 0] = 7
+    file["ageing/bonds"][0, 0] = 7
 
 
 def remove_attribute(file):
-    del file["aging"].attrs["bond_force"]
+    del file["ageing"].attrs["bond_force"]
 
 
 def add_group(file):
@@ -446,7 +446,7 @@ def add_group(file):
 @pytest.mark.parametrize("change", [change_number, remove_attribute, add_group])
 def test_what_another_program_changed_is_not_believed(tmp_path, change):
     file = tmp_path / "x.h5"
-    chemage.write(file, OBJECTS["aging"])
+    chemage.write(file, OBJECTS["ageing"])
     with h5py.File(file, "r+") as opened:
         change(opened)
     with pytest.raises(DamagedError, match=r"x\.h5( is damaged: its checksums are missing|.* not what chemage wrote)"):
@@ -481,7 +481,7 @@ def test_a_file_has_its_name_only_when_it_is_on_the_disk(tmp_path, monkeypatch):
 
     for name in real:
         monkeypatch.setattr(os, name, noted(name))
-    chemage.write(tmp_path / "x.h5", OBJECTS["aging"])
+    chemage.write(tmp_path / "x.h5", OBJECTS["ageing"])
     (first, part), (second, target), (third, folder) = order
     assert (first, second, third) in (("fsync", "link", "fsync"), ("fsync", "replace", "fsync"))
     assert part.endswith(".part")

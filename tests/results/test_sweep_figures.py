@@ -44,7 +44,7 @@ def test_the_usual_figures_are_lines_with_bands(swept):
     assert "mean over 3 seeds" in made[name].get_suptitle()
     # of β, and in the table as well
     window = result[0].scene().fit
-    doubt = result[0].aging().fit(window.start, window.stop).doubt
+    doubt = result[0].ageing().fit(window.start, window.stop).doubt
     assert doubt.startswith("β rests on ")
     assert doubt in " ".join(made[name].get_suptitle().split())
     assert doubt in result_of(result).notes()

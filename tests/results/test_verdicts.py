@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from inferring import Ageing, Curve, CurveError, between, by_name, result_of, verdict
+from inferring import Comparable, Curve, CurveError, between, by_name, result_of, verdict
 from made_inference import made_inference
 
 import chemage as ca
@@ -17,11 +17,11 @@ MODEL = 20 + 10 * np.log10(TIMES)
 
 def result(half=0.0, load=50.0, temperature=300.0):
     curve = Curve("friction_drop", "nN", "ΔF", x=TIMES, mean=MODEL, half_width=np.full(TIMES.size, half))
-    return Ageing(load=load, chemistry={"temperature": temperature}), {"friction_drop": curve}
+    return Comparable(load=load, chemistry={"temperature": temperature}), {"friction_drop": curve}
 
 
 def inferred():
-    return result_of(made_inference()).ageing(), {}
+    return result_of(made_inference()).comparable(), {}
 
 
 def measured(change=lambda values: values, error=1.0, seed=0, **fields):
@@ -108,7 +108,7 @@ def share_that_differs(replicas, error, surfaces=0.0, factor=1.0, trials=60):
         data = ca.Measurements("afm", TIMES, values + stated * rng.standard_normal(TIMES.size), "friction_drop", stated)
         curves = run_of(rng, replicas, surfaces=surfaces)
         curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
-        different += verdict(data, "run", Ageing(load=50.0), {"friction_drop": curve}).chance < 0.05
+        different += verdict(data, "run", Comparable(load=50.0), {"friction_drop": curve}).chance < 0.05
     return different / trials
 
 
@@ -133,7 +133,7 @@ def beside(one, other, load=50.0):
     runs = []
     for curves, name in ((one, "one"), (other, "other")):
         curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
-        runs.append(SimpleNamespace(name=name, ageing=Ageing(load=load), curves={"friction_drop": curve}))
+        runs.append(SimpleNamespace(name=name, comparable=Comparable(load=load), curves={"friction_drop": curve}))
         load = 50.0
     return between(*runs)
 
@@ -170,7 +170,7 @@ def test_replicas_that_are_equal_by_chance_are_no_certainty():
     truth = curves.mean(axis=0) + 30.0
     data = ca.Measurements("afm", TIMES, truth, "friction_drop", 0.002 * truth)
     curve = Curve("friction_drop", "nN", "ΔF").of_replicas(TIMES, curves)
-    assert verdict(data, "run", Ageing(load=50.0), {"friction_drop": curve}).chance > 1e-3
+    assert verdict(data, "run", Comparable(load=50.0), {"friction_drop": curve}).chance > 1e-3
 
 
 def test_the_covariance_of_a_run_is_that_of_independent_sites():
@@ -206,7 +206,7 @@ def small_contact_run():
     rng = np.random.default_rng(3)
     bonds = (rng.random((4, 500, 1)) < SHARES).sum(axis=1)
     fields = {"load": 50.0, "temperature": 300.0}
-    aging = ca.Aging(hold_times=TIMES, bonds=bonds, sites=np.full(4, 500), **fields)
+    ageing = ca.Ageing(hold_times=TIMES, bonds=bonds, sites=np.full(4, 500), **fields)
     rows = np.concatenate([np.ones((6, 1)), run_of(rng, 6)], axis=1)
     ensemble = ca.Ensemble(
         hold_times=TIMES,
@@ -217,7 +217,7 @@ def small_contact_run():
         known={"sites": np.full(rows.shape[1], 0.01)},
         known_how={"sites": "known"},
     )
-    return [by_name(result_of(one).curves())["friction_drop"] for one in (aging, ensemble)]
+    return [by_name(result_of(one).curves())["friction_drop"] for one in (ageing, ensemble)]
 
 
 def test_offset_and_slope_are_those_of_least_squares():
@@ -233,7 +233,7 @@ def test_offset_and_slope_are_those_of_least_squares():
     [
         (measured(load=80.0), result(), "measured at 80 nN, the result is at 50 nN"),
         (measured(temperature=350.0), result(), "measured at 350 K, the result is at 300 K"),
-        (measured(), (Ageing(), {}), "no friction against hold time"),
+        (measured(), (Comparable(), {}), "no friction against hold time"),
         (ca.Measurements("m", TIMES * 1e6, MODEL, "friction_drop"), result(), "only 0 hold times in common"),
         (measured(), inferred(), "no load and temperature"),
     ],
@@ -249,8 +249,8 @@ def test_an_inference_is_judged_at_the_conditions_of_the_data():
     one = made_inference()
     made = one.forecast(load=20.0, temperature=300.0, hold_times=TIMES)
     data = ca.Measurements("other", TIMES, made.median, "friction_drop", 0.03 * made.median, 20.0, 300.0)
-    found = verdict(data, "inferred", result_of(one).ageing(), {})
+    found = verdict(data, "inferred", result_of(one).comparable(), {})
     assert found.verdict == "agrees within the errors"
     assert found.model_errors == pytest.approx(made.samples.std(axis=0, ddof=1))
     off = ca.Measurements("other", TIMES, 2 * made.median, "friction_drop", 0.03 * made.median, 20.0, 300.0)
-    assert verdict(off, "inferred", result_of(one).ageing(), {}).verdict.startswith("differs: the same shape")
+    assert verdict(off, "inferred", result_of(one).comparable(), {}).verdict.startswith("differs: the same shape")

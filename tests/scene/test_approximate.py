@@ -47,7 +47,7 @@ def test_a_component_of_any_role_is_marked(tiny, parts, section):
     approximate(getattr(parts, base))
     run = ran(tiny, **{section: {"kind": "coarse", **options}})
     assert run.approximate == f"coarse (declared error 2 % of {of})"
-    assert run.aging.approximate[0]["kind"] == "coarse"
+    assert run.ageing.approximate[0]["kind"] == "coarse"
     assert bool(run.contact.approximate) == (section in ("surface", "contact"))
 
 
@@ -112,7 +112,7 @@ def test_a_plugin_of_hooks_marks_its_answer(tiny):
     registry.current().register(module, "cap")
     run = ran(tiny)
     assert run.approximate == "cap (declared error 10 % of the pressure)"
-    assert run.aging.approximate == run.contact.approximate
+    assert run.ageing.approximate == run.contact.approximate
 
 
 def test_checkpoints_keep_the_mark(tiny, parts, tmp_path):
@@ -129,7 +129,7 @@ def written(tiny, parts, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ca.write("a.h5", ran(tiny, engine={"kind": "coarse"}))
     ca.write("b.h5", ran(tiny))
-    ca.write("aging.h5", ca.read("a.h5").aging)
+    ca.write("ageing.h5", ca.read("a.h5").ageing)
 
 
 @pytest.mark.usefixtures("written")
@@ -139,9 +139,9 @@ def test_files_and_comparisons_say_so(command):
     assert f"note: approximate: {WORDS}" in shown
     assert f"approximate {WORDS[:20]}" in " ".join(command("show", "a.h5", "--all").out.split())
     assert json.loads(command("show", "a.h5", "--json").out)["approximate"] == WORDS
-    assert "approximate" in command("show", "aging.h5").out
+    assert "approximate" in command("show", "ageing.h5").out
     assert "approximate" not in command("show", "b.h5").out
-    made = compare_files(["a.h5", "b.h5", "aging.h5"])
+    made = compare_files(["a.h5", "b.h5", "ageing.h5"])
     assert dict(made.table())["approximate"] == [WORDS, "-", WORDS]
     assert [one["approximate"] for one in made.numbers()] == [WORDS, "", WORDS]
     assert [row["approximate"] for row in csv.DictReader(made.csv().splitlines())] == [WORDS, "", WORDS]
@@ -150,10 +150,10 @@ def test_files_and_comparisons_say_so(command):
 @pytest.mark.long
 @pytest.mark.usefixtures("written")
 def test_figures_and_reports_say_so():
-    made = compare_files(["a.h5", "b.h5", "aging.h5"])
+    made = compare_files(["a.h5", "b.h5", "ageing.h5"])
     legend = comparison_figures(made)["friction-drop"].axes[0].get_legend()
     labels = [text.get_text() for text in legend.get_texts()]
-    assert [label.partition(",")[0] for label in labels] == ["a (approximate)", "b", "aging (approximate)"]
+    assert [label.partition(",")[0] for label in labels] == ["a (approximate)", "b", "ageing (approximate)"]
     page = report(["a.h5", "b.h5"])
     assert f"<strong>Note:</strong> approximate: {WORDS}" in page
     captions = [line.split("</figcaption>")[0] for line in page.split("<figcaption>")[1:]]
@@ -168,7 +168,7 @@ def test_exact_results_say_nothing(tiny, tmp_path):
     run = ran(tiny)
     assert run.approximate == ""
     assert "approximate" not in run.summary()
-    assert "approximate" not in run.aging.provenance
+    assert "approximate" not in run.ageing.provenance
     assert "approximate" not in run.contact.provenance
     ca.write(tmp_path / "a.h5", run)
     made = compare_files([tmp_path / "a.h5"])

@@ -104,14 +104,14 @@ def test_cite_of_files_and_scenes(command, tmp_path, small_text, examples):
     (tmp_path / "small.toml").write_text(small_text)
     run = chemage.run(chemage.load_scene(tmp_path / "small.toml"))
     chemage.write(tmp_path / "run.h5", run)
-    chemage.write(tmp_path / "aging.h5", run.aging)
+    chemage.write(tmp_path / "ageing.h5", run.ageing)
     chemage.write(tmp_path / "surface.h5", run.surface)
     chemage.write(tmp_path / "history.h5", examples.history())
     of_run = keys(command("cite", tmp_path / "run.h5").out)
     assert of_run[:2] == ["chemage", "li2018"]
     assert "polonsky1999" in of_run
     assert set(keys(command("cite", tmp_path / "small.toml").out)) == set(of_run)
-    assert set(keys(command("cite", tmp_path / "aging.h5").out)) == set(of_run)
+    assert set(keys(command("cite", tmp_path / "ageing.h5").out)) == set(of_run)
     assert "jacobs2017" in keys(command("cite", tmp_path / "surface.h5").out)
     assert keys(command("cite", tmp_path / "history.h5").out) == ["chemage", "li2018"]
     assert "johnson1985" in keys(command("cite", "silica-tip").out)

@@ -200,7 +200,7 @@ def test_a_boundary_that_is_doubtful_is_computed_as_it_was_given(case):
     done = run(ca.load_scene(base, {**changes, **small, "hold.replicas": 2}))
     assert done.contact.periodic is (done.scene["contact"]["boundary"] == "periodic")
     assert done.contact.periodic is not done.surface.periodic
-    assert done.aging.bonds[:, -1].min() > 0
+    assert done.ageing.bonds[:, -1].min() > 0
 
 
 @pytest.mark.parametrize("case", HOPELESS)

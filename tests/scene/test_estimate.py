@@ -115,7 +115,7 @@ def test_events_are_estimated_at_every_temperature(small, temperature, stop):
     """Within a factor 2; the cost of a replica is proportional to them."""
     changes = {"surface.pixels": 200, "surface.zeta": 20, "contact.load": "0.5 uN"}
     scene = load_scene(small, {**changes, "hold.temperature": temperature, "hold.stop": stop, "hold.replicas": 5})
-    found = chemage.run(scene).aging
+    found = chemage.run(scene).ageing
     assert 0.5 < plan(scene).numbers["events"] / (found.events / found.sites).mean() < 2
 
 

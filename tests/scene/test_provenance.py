@@ -57,7 +57,7 @@ def capped(plain, site):
 
 def test_without_it_only_the_provider_of_the_components_took_part(plain):
     _, run = plain
-    assert run.plugins == run.contact.plugins == run.aging.plugins == TINY
+    assert run.plugins == run.contact.plugins == run.ageing.plugins == TINY
     assert run.summary()["plugins"] == TINY
 
 
@@ -65,15 +65,15 @@ def test_chemage_itself_is_not_listed_as_a_plugin():
     run = chemage.run(load_scene("silica-tip", {"hold.replicas": 2, "hold.stop": "10 s"}))
     assert run.plugins == {}
     assert "plugins" not in run.contact.provenance
-    assert "plugins" not in run.aging.provenance
+    assert "plugins" not in run.ageing.provenance
 
 
 def test_it_is_in_the_result(capped, tiny):
     run = chemage.run(parse_scene(tiny.scene()))
     assert run.contact.pressure.max() == 0.3
-    for thing in (run.contact, run.aging, run):
+    for thing in (run.contact, run.ageing, run):
         assert thing.plugins == TOOK_PART
-    assert run.contact.provenance["plugins"] == run.aging.provenance["plugins"] == TOOK_PART
+    assert run.contact.provenance["plugins"] == run.ageing.provenance["plugins"] == TOOK_PART
     # what the solver itself says is kept beside it
     assert run.contact.provenance["kind"] == "tiny-even"
     assert run.surface.plugins == TINY
@@ -84,7 +84,7 @@ def test_it_is_in_the_result(capped, tiny):
 def test_it_changes_the_keys_of_its_stage_and_of_those_after_it(plain, capped, tiny):
     before, after = plain[0], chemage.run(parse_scene(tiny.scene())).keys
     assert before["surface"] == after["surface"]
-    for stage in ("contact", "aging", "result"):
+    for stage in ("contact", "ageing", "result"):
         assert before[stage] != after[stage], stage
 
 
@@ -105,12 +105,12 @@ def test_it_is_in_the_file_and_comes_back(capped, tiny, tmp_path):
     chemage.write(tmp_path / "x.h5", run)
     with h5py.File(tmp_path / "x.h5") as file:
         assert json.loads(file.attrs["versions"])["chemage-cap"] == "2.1"
-        for group in ("contact", "aging"):
+        for group in ("contact", "ageing"):
             assert json.loads(file[group].attrs["provenance"])["plugins"] == TOOK_PART
     again = chemage.read(tmp_path / "x.h5")
-    assert again.plugins == again.contact.plugins == again.aging.plugins == TOOK_PART
+    assert again.plugins == again.contact.plugins == again.ageing.plugins == TOOK_PART
     assert again.contact == run.contact
-    assert again.aging == run.aging
+    assert again.ageing == run.ageing
 
 
 def test_the_command_show_names_it(capped, tiny, tmp_path, command):
@@ -147,8 +147,8 @@ def test_a_point_of_a_sweep_knows_it(capped, tiny, tmp_path):
     for point in result:
         made = point.run()
         assert point.summary["plugins"] == made.plugins == TOOK_PART
-        assert point.contact().plugins == point.aging().plugins == TOOK_PART
+        assert point.contact().plugins == point.ageing().plugins == TOOK_PART
         assert made.versions["chemage-cap"] == "2.1"
     assert result[0].run().contact == alone.contact
-    assert result[0].aging() == alone.aging
+    assert result[0].ageing() == alone.ageing
     assert np.array_equal(result[0].contact().pressure, alone.contact.pressure)

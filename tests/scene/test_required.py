@@ -74,7 +74,7 @@ def test_a_contact_that_is_given_is_not_solved_and_needs_no_surface(tiny):
 def test_a_contact_among_the_checkpoints_is_not_solved_again(calls, tmp_path):
     first = ca.run(ROUGH, checkpoints=tmp_path)
     calls(FFTBEM, "_solve")
-    assert ca.run(ROUGH, checkpoints=tmp_path).aging == first.aging
+    assert ca.run(ROUGH, checkpoints=tmp_path).ageing == first.ageing
     assert not calls.made["_solve"]
 
 
@@ -181,7 +181,7 @@ def test_no_breaking_barriers_are_drawn_without_breaking(calls):
 def test_no_history_goes_beyond_the_last_hold_time(calls, kind):
     calls(methods, "run_kinetics")
     made = ca.run({**TIP, "engine": {"kind": kind}, "breaking": BREAKING}, threads=1)
-    for history, events in zip(calls.returned["run_kinetics"], made.aging.events, strict=True):
+    for history, events in zip(calls.returned["run_kinetics"], made.ageing.events, strict=True):
         assert history.time == 1e4
         assert history.hold_times.tolist() == TIP["hold"]["times"]
         assert events == history.formed[-1] + history.broken[-1]
@@ -190,11 +190,11 @@ def test_no_history_goes_beyond_the_last_hold_time(calls, kind):
 def test_states_and_observables_are_kept_only_where_they_are_asked_for(calls):
     calls(methods, "run_kinetics")
     made = ca.run(TIP)
-    assert made.aging.observables == {}
+    assert made.ageing.observables == {}
     assert all(one.states is None for one in calls.returned["run_kinetics"])
     asked = ca.run({**TIP, "observe": [{"kind": "barrier-spectrum"}]})
-    assert asked.aging.observables
-    assert np.array_equal(asked.aging.bonds, made.aging.bonds)
+    assert asked.ageing.observables
+    assert np.array_equal(asked.ageing.bonds, made.ageing.bonds)
 
 
 # -- ensembles --------------------------------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ def test_a_run_is_its_stages_one_after_the_other(scene):
     result = chemage.run(scene)
     surface = scene.surface.make(scene.surface_seed)
     contact = scene.contact.solve(surface, scene.load)
-    aging = chemage.age(
+    ageing = chemage.age(
         contact,
         scene.chemistry,
         engine=scene.engine,
@@ -33,7 +33,7 @@ def test_a_run_is_its_stages_one_after_the_other(scene):
     )
     assert result.surface == surface
     assert np.array_equal(result.contact.pressure, contact.pressure)
-    assert np.array_equal(result.aging.bonds, aging.bonds)
+    assert np.array_equal(result.ageing.bonds, ageing.bonds)
     assert result.scene == scene.todict()
     assert result.keys == scene.keys()
     assert list(result.timings) == ["surface", "contact", "ageing"]
@@ -44,22 +44,22 @@ def test_the_summary_is_what_its_parts_say(scene):
     result = chemage.run(scene)
     told = result.summary()
     json.dumps(told, allow_nan=False)
-    fit = result.aging.fit(10, 1e4)
+    fit = result.ageing.fit(10, 1e4)
     assert (told["beta"], told["beta_stderr"], told["cutoff_time"]) == (fit.beta, fit.beta_stderr, fit.cutoff_time)
-    drop = 3.0 * result.aging.bonds
+    drop = 3.0 * result.ageing.bonds
     assert told["friction_drop"] == pytest.approx(drop.mean(axis=0))
     assert told["friction_coefficient_drop"] == pytest.approx(drop.mean(axis=0) / 40.0)
     assert told["friction_drop_stderr"] == pytest.approx(drop.std(axis=0, ddof=1) / math.sqrt(3))
     assert told["area_fraction"] == result.contact.quantity("area_fraction").value
     assert told["grid_area"] == pytest.approx(np.count_nonzero(result.contact.pressure) * 0.4518**2)
     assert told["mean_contact_pressure"] == pytest.approx(40.0 / (told["area_fraction"] * (48 * 0.4518) ** 2))
-    assert told["events"] == result.aging.events.sum()
+    assert told["events"] == result.ageing.events.sum()
     assert told["replicas"] == 3
 
 
 def test_the_fit_window_is_that_of_the_scene(small):
     result = chemage.run(load_scene(small, {"fit.start": "1 s", "fit.stop": "1e5 s"}))
-    assert result.fit() == result.aging.fit(1.0, 1e5)
+    assert result.fit() == result.ageing.fit(1.0, 1e5)
     assert result.fit().points == 11
 
 
@@ -67,10 +67,10 @@ def test_finished_stages_are_not_computed_again(scene, monkeypatch):
     first = chemage.run(scene)
     monkeypatch.setattr(type(scene.surface), "make", lambda *_: pytest.fail("made the surface again"))
     again = chemage.run(scene, surface=first.surface)
-    assert again.aging == first.aging
+    assert again.ageing == first.ageing
     monkeypatch.setattr(type(scene.contact), "_solve", lambda *_: pytest.fail("solved the contact again"))
     again = chemage.run(scene, contact=first.contact)
-    assert again.aging == first.aging
+    assert again.ageing == first.ageing
     assert list(again.timings) == ["ageing"]
 
 

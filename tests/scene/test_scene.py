@@ -91,7 +91,7 @@ def test_20_micronewton_is_20000(data):
     assert one == two
 
 
-STAGES = ("surface", "contact", "aging", "result")
+STAGES = ("surface", "contact", "ageing", "result")
 
 
 @pytest.mark.parametrize(
@@ -103,20 +103,20 @@ STAGES = ("surface", "contact", "aging", "result")
         ({"contact.load": 41}, "contact"),
         ({"contact.modulus": 36}, "contact"),
         ({"contact.tolerance": 1e-4}, "contact"),
-        ({"forming": {"kind": "uniform", "lower": 1.0, "upper": 1.2}}, "aging"),
-        ({"breaking.mean": 1.2}, "aging"),
-        ({"breaking": None}, "aging"),
-        ({"interaction.strength": 0.4}, "aging"),
-        ({"interaction": None}, "aging"),
-        ({"chemistry.activation_volume": 0}, "aging"),
-        ({"chemistry.bond_force": 2}, "aging"),
-        ({"engine.kind": "bkl"}, "aging"),
-        ({"hold.replicas": 4}, "aging"),
-        ({"hold.seed": 6}, "aging"),
-        ({"hold.stop": "1e4 s"}, "aging"),
-        ({"hold.temperature": 301}, "aging"),
-        ({"observe": None}, "aging"),
-        ({"observe": [{"kind": "barrier-spectrum", "bins": 7}]}, "aging"),
+        ({"forming": {"kind": "uniform", "lower": 1.0, "upper": 1.2}}, "ageing"),
+        ({"breaking.mean": 1.2}, "ageing"),
+        ({"breaking": None}, "ageing"),
+        ({"interaction.strength": 0.4}, "ageing"),
+        ({"interaction": None}, "ageing"),
+        ({"chemistry.activation_volume": 0}, "ageing"),
+        ({"chemistry.bond_force": 2}, "ageing"),
+        ({"engine.kind": "bkl"}, "ageing"),
+        ({"hold.replicas": 4}, "ageing"),
+        ({"hold.seed": 6}, "ageing"),
+        ({"hold.stop": "1e4 s"}, "ageing"),
+        ({"hold.temperature": 301}, "ageing"),
+        ({"observe": None}, "ageing"),
+        ({"observe": [{"kind": "barrier-spectrum", "bins": 7}]}, "ageing"),
         ({"fit": {"start": "1 s"}}, "result"),
         ({"name": "other"}, None),
         ({"title": "another"}, None),

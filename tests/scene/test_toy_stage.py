@@ -69,8 +69,8 @@ def test_it_needs_what_it_rests_on():
 
 def test_its_options_are_in_the_keys_from_its_stage_on():
     without, worn, other = ca.load_scene("silica-tip").keys(), scene().keys(), scene(**{"wear.slip": 4}).keys()
-    assert {key for key in worn if worn[key] != without[key]} == {"aging", "result"}
-    assert {key for key in worn if worn[key] != other[key]} == {"aging", "result"}
+    assert {key for key in worn if worn[key] != without[key]} == {"ageing", "result"}
+    assert {key for key in worn if worn[key] != other[key]} == {"ageing", "result"}
 
 
 def test_the_schema_has_it():

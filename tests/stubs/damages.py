@@ -159,7 +159,7 @@ def written(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
     results = {
         "run": run,
         "contact": run.contact,
-        "aging": run.aging,
+        "ageing": run.ageing,
         "surface": ca.Surface(heights=rng.normal(size=(9, 7)), pixel_size=0.5),
         "inference": made_inference(members=8),
     }
@@ -249,7 +249,7 @@ def after_damage(rng: np.random.Generator, folder: Path, expected: str) -> str:
 #: how a case may end
 GOOD = ("refused", "repaired", "identical")
 #: the kinds of :func:`written` in the layout of NetCDF-4
-HDF5 = ("run", "contact", "aging", "surface", "inference")
+HDF5 = ("run", "contact", "ageing", "surface", "inference")
 
 
 def outcome(read: Callable[[], Any], expected: Any, what: str) -> str:

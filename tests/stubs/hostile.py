@@ -234,7 +234,7 @@ def records(rng):
               "temperature": 300.0, "bond_force": 3.0, "front_factor": 1.0, "engine": "x", "notes": (), "contact": {},
               "observables": {"a": np.ones((2, 2))}, "provenance": {}}  # fmt: skip
     fields = damaged(rng, fields)
-    return lambda: use_aging(ca.Aging(**fields))
+    return lambda: use_ageing(ca.Ageing(**fields))
 
 
 def use_surface(made):
@@ -267,7 +267,7 @@ def use_history(made, kind):
     return [made.digest(), made.events, repr(made), later, made.then(later)]
 
 
-def use_aging(made):
+def use_ageing(made):
     return [made.digest(), repr(made), made.friction_drop, made.mean_friction_drop, made.fit("1 ms", "1e3 s").beta]
 
 
@@ -341,7 +341,7 @@ def functions(rng):
     if isinstance(run["replicas"], int) and 100 < run["replicas"] < 10**7:
         run["replicas"] = 10**9
     pair = ca.interaction("elastic-pairs", strength=0.5)
-    fit = use_aging_data()
+    fit = use_ageing_data()
     calls = [
         lambda: ca.age(**run),
         lambda: ca.age(**run),
@@ -354,7 +354,7 @@ def functions(rng):
         lambda: ca.plugin.checked_seed(x),
         lambda: repr(ca.plugin.convert(x, "nm")),
         lambda: fit.fit(x, y),
-        lambda: ca.fit_aging(fit, window=(x, y)),
+        lambda: ca.fit_ageing(fit, window=(x, y)),
         lambda: ca.solve_contact(ca.contact("fft-bem", modulus=35.0), surface(), x),
         lambda: ca.contact("fft-bem", modulus=35.0).solve_displacement(surface(), x),
         lambda: ca.solve_contact(x, y, 1.0),
@@ -381,9 +381,9 @@ def functions(rng):
     return pick(rng, calls)
 
 
-def use_aging_data():
+def use_ageing_data():
     bonds = np.array([[1, 2, 3], [2, 3, 5]])
-    return ca.Aging(hold_times=TIMES, bonds=bonds, sites=[9, 9], events=[4, 5], load=3.0, temperature=300.0)
+    return ca.Ageing(hold_times=TIMES, bonds=bonds, sites=[9, 9], events=[4, 5], load=3.0, temperature=300.0)
 
 
 def scenes(rng):
@@ -505,7 +505,7 @@ def nonsense(value, where="answer"):
         return next(filter(None, found), "")
     if isinstance(value, list | tuple):
         return next(filter(None, (nonsense(item, f"{where}.{at}") for at, item in enumerate(value))), "")
-    known = ca.Surface | ca.ReactionLattice | ca.ContactSolution | ca.Aging
+    known = ca.Surface | ca.ReactionLattice | ca.ContactSolution | ca.Ageing
     fields = value.todict() if isinstance(value, known) else {}
     return nonsense({name: item for name, item in fields.items() if isinstance(item, np.ndarray)}, where)
 

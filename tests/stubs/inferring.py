@@ -5,7 +5,7 @@ from __future__ import annotations
 from chemage.ageing.covariance import CurveError
 from chemage.foundation import algebra
 from chemage.foundation.quantities import Curve, by_name
-from chemage.foundation.result import Ageing, result_of
+from chemage.foundation.result import Comparable, result_of
 from chemage.results.verdicts import between, verdict
 from chemage_inference.calibrate import Calibration, _errors, _rank, calibrate
 from chemage_inference.forward import make_model
@@ -18,7 +18,7 @@ from chemage_inference.sampling import Chain, warm
 drawn_errors, error_terms, rank = _errors, _error_terms, _rank
 
 __all__ = [
-    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Ageing", "Calibration", "Chain", "Curve", "CurveError",
+    "LARGEST", "NEAREST", "RARE", "SPREAD", "WIDER", "Calibration", "Chain", "Comparable", "Curve", "CurveError",
     "ErrorModel", "Noise", "Prior", "Problem", "State", "algebra", "between", "by_name", "calibrate", "drawn_errors",
     "effective", "error_terms", "make_model", "r_hat", "rank", "result_of", "unknowns_of", "verdict", "warm",
 ]  # fmt: skip

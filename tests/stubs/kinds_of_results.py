@@ -69,7 +69,7 @@ def ageing() -> dict[str, list[np.ndarray]]:
     bonds = [aged(name, replicas=3).bonds for name in ("rejection-free", "bkl", "next-reaction")]
     one = aged("rejection-free", replicas=4)
     fits = [
-        ca.fit_aging(one, model=model, bootstrap=drawn) for model in ("line", "curve") for drawn in (None, "replicas")
+        ca.fit_ageing(one, model=model, bootstrap=drawn) for model in ("line", "curve") for drawn in (None, "replicas")
     ]
     sample = aged("rejection-free", replicas=2, method=ca.ageing_method("sample", share=0.5))
     closed = aged("rejection-free", apart, method=ca.ageing_method("closure"))

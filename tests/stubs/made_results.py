@@ -47,7 +47,7 @@ def made_contact(pixels: int = 1000, spots: int = 60) -> ca.ContactSolution:
     return ca.ContactSolution(pressure=pressure, load=load, pixel_size=0.45, modulus=35.3)
 
 
-def made_aging(temperature: float = 300.0, load: float = 100.0, seed: int = 0) -> ca.Aging:
+def made_ageing(temperature: float = 300.0, load: float = 100.0, seed: int = 0) -> ca.Ageing:
     """Bonds that grow with the logarithm of the hold time, in five replicas."""
     rng = np.random.default_rng(seed)
     times = np.geomspace(1e-3, 1e5, 25)
@@ -55,7 +55,7 @@ def made_aging(temperature: float = 300.0, load: float = 100.0, seed: int = 0) -
     bonds = np.round(1000 * share * (1 + 0.04 * rng.standard_normal((5, 1))) + 8 * rng.standard_normal((5, 25)))
     bonds = np.maximum.accumulate(np.clip(bonds, 0, 2000), axis=1).astype(np.int64)
     fields = {"events": [40] * 5, "load": load, "temperature": temperature, "engine": "by-hand"}
-    return ca.Aging(hold_times=times, bonds=bonds, sites=[2000] * 5, **fields)
+    return ca.Ageing(hold_times=times, bonds=bonds, sites=[2000] * 5, **fields)
 
 
 def made_ensemble(random: bool = True, ages: bool = True, seed: int = 0) -> ca.Ensemble:
@@ -140,17 +140,17 @@ def made_result_of_inference() -> InferenceResult:
     return InferenceResult(one, forecasts)
 
 
-def made_run(aging: ca.Aging, **scene: Any) -> ca.Run:
+def made_run(ageing: ca.Ageing, **scene: Any) -> ca.Run:
     """A run with a known scatter between surfaces."""
     data = ca.parse_scene({**SCENE, **scene}).todict()
-    return ca.Run(data, made_contact(), surface=made_surface(), aging=aging)
+    return ca.Run(data, made_contact(), surface=made_surface(), ageing=ageing)
 
 
 def made_comparison() -> Comparison:
     """Three results with measurements."""
     entries = []
     for number, name in enumerate(("rough", "a tip with a rather long name", "mean")):
-        thing = made_ensemble() if name == "mean" else made_aging(300 + 20 * number, 60.0 + 40 * number, number)
+        thing = made_ensemble() if name == "mean" else made_ageing(300 + 20 * number, 60.0 + 40 * number, number)
         entries.append(replace(Entry.of(thing), name=name))
     times = np.geomspace(0.1, 1e4, 6)
     measured = ca.Measurements(
@@ -172,14 +172,14 @@ def every_result() -> Mapping[str, Any]:
         temperature=300.0, engine="by-hand",
     )  # fmt: skip
     return {
-        "run": made_run(made_aging()),
+        "run": made_run(made_ageing()),
         "one patch": made_contact(300, 1),
         "theory": theory,
         "history": history,
-        "force": made_aging(load=0.0),
+        "force": made_ageing(load=0.0),
         "ensemble": made_ensemble(),
         "bare ensemble": made_ensemble(ages=False),
-        "arrhenius": ca.arrhenius([made_aging(kelvin) for kelvin in (280.0, 300.0, 320.0, 340.0)]),
+        "arrhenius": ca.arrhenius([made_ageing(kelvin) for kelvin in (280.0, 300.0, 320.0, 340.0)]),
         "trade": made_trade(),
         "inference": made_result_of_inference(),
     }

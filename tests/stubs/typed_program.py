@@ -29,7 +29,7 @@ chemistry = ca.chemistry(
     activation_volume="6.4 angstrom**3",
 )
 times = ca.hold_times("1 ms", units.Quantity(10, "s"), per_decade=2)
-aging: ca.Aging = ca.age(
+ageing: ca.Ageing = ca.age(
     contacts[0],
     chemistry,
     engine=ca.engine("auto"),
@@ -38,5 +38,5 @@ aging: ca.Aging = ca.age(
     replicas=2,
     seed=1,
 )
-fit: ca.plugin.Fit = aging.fit("10 ms", units.Quantity(1, "s"))
+fit: ca.plugin.Fit = ageing.fit("10 ms", units.Quantity(1, "s"))
 slope: float = fit.beta

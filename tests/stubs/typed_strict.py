@@ -17,10 +17,10 @@ tip = ca.surface("sphere", radius="30 nm", pixels=16, pixel_size="1 nm").make()
 contact = ca.solve_contact(ca.contact("hertz", modulus="35.3 GPa"), tip, "20 nN")
 chemistry = ca.chemistry(forming=ca.barriers("uniform", lower=0.7, upper="0.9 eV"), activation_volume="6 angstrom**3")
 times = ca.hold_times("1 ms", "10 s", per_decade=2)
-aging = ca.age(contact, chemistry, engine=ca.engine("rejection-free"), hold_times=times, temperature=300, replicas=2)
-slope: float = aging.fit("10 ms", "1 s").beta
-drop: np.ndarray = aging.mean_friction_drop
-units = {name: output.unit for name, output in aging.measured.items()}
+ageing = ca.age(contact, chemistry, engine=ca.engine("rejection-free"), hold_times=times, temperature=300, replicas=2)
+slope: float = ageing.fit("10 ms", "1 s").beta
+drop: np.ndarray = ageing.mean_friction_drop
+units = {name: output.unit for name, output in ageing.measured.items()}
 last: list[float] = [float(output.values[0]) for output in contact.measured.values()]
 run: ca.Run = ca.run(
     {
@@ -46,7 +46,7 @@ with_roles = ca.age(
     observe=[ca.observable("barrier-spectrum", bins=4)],
 )
 spectra: list[np.ndarray] = list(with_roles.observables.values())
-sampled: ca.Aging = ca.age(
+sampled: ca.Ageing = ca.age(
     contact,
     chemistry,
     engine=ca.engine("auto"),

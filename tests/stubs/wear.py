@@ -46,4 +46,4 @@ class WearStage(Stage):
 
 
 ROLES = {"wear": f"{__name__}:Wear"}
-STAGES = (WearStage("wear", role="wear", needs="forming", inputs=("contact",), key="aging"),)
+STAGES = (WearStage("wear", role="wear", needs="forming", inputs=("contact",), key="ageing"),)

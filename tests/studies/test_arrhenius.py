@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import chemage as ca
-from chemage import Aging, InputError
+from chemage import Ageing, InputError
 from chemage.plugin import EV_PER_GPA_NM3, KB
 
 KELVINS = (260.0, 280.0, 300.0, 325.0, 350.0)
@@ -22,7 +22,7 @@ def aged(temperature, coverage, times=TIMES, **fields):
     """An ageing curve of a million sites whose bonded share is ``coverage`` (replicas, m)."""
     share = np.atleast_2d(coverage)
     given = {"load": 1e6, "temperature": temperature, "bond_force": 1.0, "front_factor": 1.0}
-    return Aging(hold_times=times, bonds=1e6 * share, sites=np.full(len(share), 1e6), **(given | fields))
+    return Ageing(hold_times=times, bonds=1e6 * share, sites=np.full(len(share), 1e6), **(given | fields))
 
 
 def of_one_barrier(temperature, energy, times=TIMES):

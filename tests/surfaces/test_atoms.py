@@ -159,17 +159,17 @@ def test_only_the_hydroxyls_in_contact_react(tmp_path):
     x, y = (run.surface.observables[SITE_POSITIONS] // run.surface.pixel_size).astype(int).T
     touching = run.contact.contact[x, y]
     assert 0 < touching.sum() <= count
-    assert (run.aging.sites == touching.sum()).all()
+    assert (run.ageing.sites == touching.sum()).all()
     assert sorted(lattice.sites) == sorted((x * run.contact.shape[1] + y)[touching])
     np.testing.assert_array_equal(
         np.sort(lattice.pressures(run.contact)), np.sort(run.contact.pressure[x, y][touching])
     )
-    assert run.aging.site_grid == f"the {count} sites of the surface"
-    assert run.aging.site_area == run.contact.contact_area
+    assert run.ageing.site_grid == f"the {count} sites of the surface"
+    assert run.ageing.site_area == run.contact.contact_area
     ca.write(tmp_path / "a.h5", run)
-    assert ca.read(tmp_path / "a.h5").aging == run.aging
+    assert ca.read(tmp_path / "a.h5").ageing == run.ageing
     pixels = {**scene, "chemistry": {**scene["chemistry"], "site_density": "pixel"}}
-    assert ca.parse_scene(pixels).keys()["aging"] != ca.parse_scene(scene).keys()["aging"]
+    assert ca.parse_scene(pixels).keys()["ageing"] != ca.parse_scene(scene).keys()["ageing"]
 
 
 def test_a_surface_without_sites_and_sites_that_share_a_pixel_are_refused():

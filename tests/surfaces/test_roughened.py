@@ -131,8 +131,8 @@ def test_contact_and_ageing_are_those_of_the_original():
 
     def found(surface):
         contact = ca.contact("fft-bem", modulus=35.3).solve(surface, 0.03 * surface.nominal_area)
-        aging = ca.age(contact, silica, engine=ca.engine("bkl"), hold_times=times, temperature=300.0, replicas=4)
-        return contact.kappa, aging.fit().beta
+        ageing = ca.age(contact, silica, engine=ca.engine("bkl"), hold_times=times, temperature=300.0, replicas=4)
+        return contact.kappa, ageing.fit().beta
 
     before, after = [], []
     for seed in range(6):

@@ -48,8 +48,8 @@ def test_the_estimate_holds_on_surfaces_made_here():
     for seed in range(16):
         contact = ca.contact("fft-bem", modulus=35.3).solve(maker.make(seed), 1500.0)
         times = ca.hold_times(10, 1e4, per_decade=2)
-        aging = ca.age(contact, silica, engine=ca.engine("bkl"), hold_times=times, temperature=300.0, replicas=4)
-        betas.append(aging.fit().beta)
+        ageing = ca.age(contact, silica, engine=ca.engine("bkl"), hold_times=times, temperature=300.0, replicas=4)
+        betas.append(ageing.fit().beta)
         estimates.append(maker.scatter(contact.summary()).relative)
     found = np.std(betas, ddof=1) / np.mean(betas)
     assert 0.5 < found / np.mean(estimates) < 2

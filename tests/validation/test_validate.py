@@ -91,8 +91,8 @@ def test_the_activation_energy_is_that_by_which_a_curve_is_shifted():
 
     def run(kelvin):
         drop = np.log1p(1e12 * times * np.exp(-0.73 / (KB * kelvin)))
-        aging = SimpleNamespace(hold_times=times, temperature=kelvin, friction_coefficient_drop=np.tile(drop, (20, 1)))
-        return SimpleNamespace(aging=aging)
+        ageing = SimpleNamespace(hold_times=times, temperature=kelvin, friction_coefficient_drop=np.tile(drop, (20, 1)))
+        return SimpleNamespace(ageing=ageing)
 
     found = measures.activation(run(300.0), run(320.0))
     assert found == pytest.approx(0.73 * 96.485, rel=1e-3)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import BARRIERS
+from chemage.ageing.ageing import BARRIERS
 from chemage.foundation.memory import capacity
 from chemage.foundation.statistics import NORMAL_LIMIT, student_limit
 from chemage.scene import plan as estimate
@@ -348,16 +348,16 @@ def barriers_error(
         if stage == BARRIERS and total:
             progress(done, total)
 
-    aging = run(scene, threads=threads, warn=False, progress=report).aging
-    assert aging is not None
-    assert aging.member_ratios is not None
-    drop, ratios = aging.mean_friction_drop, aging.member_ratios
-    errors[quantities.curve] = aging.errors[BARRIERS]
+    ageing = run(scene, threads=threads, warn=False, progress=report).ageing
+    assert ageing is not None
+    assert ageing.member_ratios is not None
+    drop, ratios = ageing.mean_friction_drop, ageing.member_ratios
+    errors[quantities.curve] = ageing.errors[BARRIERS]
     if quantities.has_beta:
         own = float(quantities.slope(drop[None])[0])
         slopes = quantities.slope(ratios * drop)
         errors[0] = slopes.std(ddof=1) / abs(own) if own else np.nan
-    return errors, f"measured here on one surface: {aging.error_sources[BARRIERS]}"
+    return errors, f"measured here on one surface: {ageing.error_sources[BARRIERS]}"
 
 
 # -- the error of a measured surface ----------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from chemage.foundation.figures import BLUE, GREY, ORANGE, from_zero, legend, pl
 from chemage.foundation.quantities import HOLD_TIME, Curve, Quantity, Rank
 from chemage.foundation.result import (
     FILE,
-    Ageing,
+    Comparable,
     Medium,
     OfRecord,
     Panel,
@@ -204,13 +204,13 @@ class EnsembleDisplay(OfRecord[Ensemble]):
 
     # -- beside others ------------------------------------------------------------------------------------------------
 
-    def ageing(self) -> Ageing:
+    def comparable(self) -> Comparable:
         ensemble = self.record
         if not ensemble.hold_times.size:
-            return Ageing(load=ensemble.load)
+            return Comparable(load=ensemble.load)
         temperature = float(self.scene.get("hold", {}).get("temperature", math.nan))
         chemistry = chemistry_of_scene(self.scene, temperature)
-        return Ageing(chemistry, ensemble.load, ensemble.window, self._fit_like)
+        return Comparable(chemistry, ensemble.load, ensemble.window, self._fit_like)
 
     def _fit_like(self, model: Any, window: Any, quantity: Any) -> str:
         return "a mean over surfaces has the β of its own window, with its errors, in the table of the results"

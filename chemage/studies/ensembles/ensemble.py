@@ -20,7 +20,7 @@ from chemage.ageing.fitting import (
     Fit,
     FitData,
     Friction,
-    fit_aging,
+    fit_ageing,
     why_not_fitted,
 )
 from chemage.contacts.solution import MEASURES
@@ -202,7 +202,7 @@ class Ensemble(Record):
         return regressed(rows) if self.controlled else rows
 
     def fit_data(self, quantity: Friction | None = None) -> FitData:
-        """The curves of the surfaces of the first level, about the mean, for :func:`chemage.fit_aging`."""
+        """The curves of the surfaces of the first level, about the mean, for :func:`chemage.fit_ageing`."""
         curves = self._terms[0][:, self.quantities.curve]
         about = curves - curves.mean(axis=0) + self.mean[self.quantities.curve]
         drop = quantity or "friction_coefficient_drop"
@@ -213,7 +213,7 @@ class Ensemble(Record):
     def line(self) -> Fit | None:
         """The line of β through the mean curve, which says whether the curve is one; None where β cannot be fitted."""
         return (
-            fit_aging(self, window=self.window)
+            fit_ageing(self, window=self.window)
             if self.quantities.has_beta
             else None
         )

@@ -59,7 +59,7 @@ class SurfaceSample:
         InputError
             The friction is not finite.
         """
-        run, aging, content = outcome.run, outcome.aging, outcome.content
+        run, ageing, content = outcome.run, outcome.ageing, outcome.content
         if run is not None:
             plugins, approximate = run.plugins, run.contact.approximate
             recorded = {name: one.summary() for name, one in run.measured.items()}
@@ -71,9 +71,9 @@ class SurfaceSample:
             )
             recorded = content["summary"]["observables"]
         if (
-            aging is not None
+            ageing is not None
         ):  # which has what is approximate about the contact as well
-            approximate = aging.approximate
+            approximate = ageing.approximate
         measures = outcome.measures | _recorded(recorded)
         numbers = {}
         for name, value in measures.items():
@@ -83,9 +83,9 @@ class SurfaceSample:
                 and math.isfinite(value)
             ):
                 numbers[name] = float(value)
-        if aging is None:
+        if ageing is None:
             return cls(np.zeros((1, 0)), numbers, plugins, approximate)
-        drop = np.asarray(aging.friction_drop, dtype=np.float64)
+        drop = np.asarray(ageing.friction_drop, dtype=np.float64)
         if not np.isfinite(drop).all():
             raise InputError(
                 "friction_drop: has numbers that are not finite; see `chemage run` of one surface"

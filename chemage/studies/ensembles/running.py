@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from chemage.ageing.aging import BARRIERS
+from chemage.ageing.ageing import BARRIERS
 from chemage.foundation.errors import InputError, PlanWarning
 from chemage.foundation.progress import Report
 from chemage.foundation.records import merged_approximations

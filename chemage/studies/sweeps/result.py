@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from chemage.ageing.aging import Aging
+from chemage.ageing.ageing import Ageing
 from chemage.contacts.solution import ContactSolution
 from chemage.foundation.codec import from_json
 from chemage.foundation.errors import InputError, StoreError
@@ -101,7 +101,7 @@ class Point:
         """
         return from_json(Ensemble, self._of(means=True)["ensemble"])
 
-    def aging(self) -> Aging:
+    def ageing(self) -> Ageing:
         """The ageing curve, with the bonds of every replica.
 
         Raises
@@ -114,7 +114,7 @@ class Point:
             raise StoreError(
                 f"point {self.index} of {self.result.folder} has no ageing: its scene stops at the contact"
             )
-        return from_json(Aging, content["aging"])
+        return from_json(Ageing, content["ageing"])
 
     def contact(self) -> ContactSolution:
         """The contact of this point.
@@ -160,7 +160,7 @@ class Point:
         return Run(
             scene.todict(),
             self.contact(),
-            aging=self.aging() if summary["hold_times"] else None,
+            ageing=self.ageing() if summary["hold_times"] else None,
             timings=summary["timings"],
             versions=summary["versions"],
             keys=summary["keys"],

@@ -50,7 +50,7 @@ from chemage.plugins.options import completed
 from chemage.plugins.sources import changed, implementing, providers, would_change
 from chemage.scene.files import located, override, scene_data
 from chemage.scene.provenance import versions
-from chemage.scene.run import aging_of, surface_of
+from chemage.scene.run import ageing_of, surface_of
 from chemage.scene.scene import Scene
 from chemage.studies.ensembles.planning import plan
 from chemage.studies.ensembles.running import Sampler
@@ -189,17 +189,17 @@ class Outdated:
 
     def _ageing_would_change(self, scene: Scene, solution: ContactSolution) -> bool:
         # one replica goes through all stages after the contact
-        aging = (
-            aging_of(scene, solution, replicas=1) if self._new_in_ageing else None
+        ageing = (
+            ageing_of(scene, solution, replicas=1) if self._new_in_ageing else None
         )
-        if aging is None:
+        if ageing is None:
             return False
         provide = providers(*scene.components())
         return self._joined(
             [
                 name
                 for name in self._new_in_ageing
-                if name in aging.plugins and name not in provide
+                if name in ageing.plugins and name not in provide
             ]
         )
 
@@ -378,7 +378,7 @@ class Means(Points):
             "done",
             plugins=dict(ensemble.plugins),
             summary=jsonable(ensemble.summary()),
-            aging=None,
+            ageing=None,
             ensemble=to_json(ensemble),
         )
         self._folder.write_point(key, content)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from chemage.ageing.aging import ELASTIC_MEASURES
+from chemage.ageing.ageing import ELASTIC_MEASURES
 from chemage.ageing.fitting import DROPS, FIT
 from chemage.contacts.solution import FLOW_MEASURES, MEASURES
 from chemage.foundation.container import seal
@@ -243,7 +243,7 @@ class SweepTable:
                 )
             add(number, summary)
             counts = np.array(
-                point["aging"]["bonds"] if point["aging"] else (), ndmin=2
+                point["ageing"]["bonds"] if point["ageing"] else (), ndmin=2
             )
             if counts.size:
                 bonds = _put(

@@ -66,7 +66,7 @@ def test_what_every_component_owes(component, check, said):
 
 def _needs_ageing(self, figure, axes, results):
     for one in results:
-        axes.plot(one.aging.hold_times, one.aging.bonds.mean(axis=0), label=one.label)
+        axes.plot(one.ageing.hold_times, one.ageing.bonds.mean(axis=0), label=one.label)
 
 
 def _needs_maps(self, figure, axes, results):

@@ -34,7 +34,7 @@ class Map(Observable):
 
     def draw(self, figure, axes, results):
         for one in results:
-            axes.plot(one.aging.hold_times, one.aging.observables["bonds_at"].mean(axis=0), "o-", color=one.color)
+            axes.plot(one.ageing.hold_times, one.ageing.observables["bonds_at"].mean(axis=0), "o-", color=one.color)
 
 
 def test_a_right_observable_passes():
@@ -98,18 +98,18 @@ def _swapped(contact, lattice, history):
 
 def _first_only(self, figure, axes, results):
     for one in results:
-        axes.plot(one.aging.hold_times, one.aging.observables["bonds_at"][0])
+        axes.plot(one.ageing.hold_times, one.ageing.observables["bonds_at"][0])
 
 
 def _one_only(self, figure, axes, results):
     (one,) = results
-    axes.plot(one.aging.hold_times, one.aging.observables["bonds_at"].mean(axis=0))
+    axes.plot(one.ageing.hold_times, one.ageing.observables["bonds_at"].mean(axis=0))
 
 
 def _with_chemistry(self, figure, axes, results):
     for one in results:
         axes.axvline(one.chemistry.activation_volume)
-        axes.plot(one.aging.hold_times, one.aging.observables["bonds_at"].mean(axis=0))
+        axes.plot(one.ageing.hold_times, one.ageing.observables["bonds_at"].mean(axis=0))
 
 
 def _written(contact, lattice, history):

@@ -48,7 +48,7 @@ def test_an_ensemble_of_four_is_the_mean_of_four_runs(rough, four):
         )
         made = ca.run(one)
         betas.append(made.fit().beta)
-        drops.append(made.aging.mean_friction_drop)
+        drops.append(made.ageing.mean_friction_drop)
         areas.append(made.contact.quantity("area_fraction").value)
     assert len(set(areas)) == 4
     assert four.estimate("beta").value == pytest.approx(np.mean(betas), rel=1e-12)

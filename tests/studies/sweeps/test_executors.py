@@ -230,7 +230,7 @@ if __name__ == "__main__":
     for executor in ("serial", "threads", "processes", "dask"):
         workers = None if executor == "serial" else 2
         sweep = chemage.sweep(scene, executor, executor=executor, workers=workers)
-        print(executor, [(point.aging().digest(), *point.summary["plugins"]) for point in sweep])
+        print(executor, [(point.ageing().digest(), *point.summary["plugins"]) for point in sweep])
 """
 
 

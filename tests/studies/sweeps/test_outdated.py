@@ -125,22 +125,22 @@ def test_a_plugin_that_answers_nothing_changes_nothing(lab):
 
 
 def test_a_plugin_that_changes_the_friction_of_some_points_computes_just_those(lab):
-    plain = [point.aging() for point in lab.sweep()[0]]
+    plain = [point.ageing() for point in lab.sweep()[0]]
     lab.plugin("weak", RUPTURE_HOOK.format(above=15, factor=0.5))
     again, contacts, _, said = lab.sweep()
     assert contacts == 0
     assert "2 points and 0 contacts are computed again" in said[0]
     for point, before, factor in zip(again, plain, (1, 1, 0.5, 0.5), strict=True):
         assert point.summary["plugins"].get("weak") == (None if factor == 1 else "chemage-weak 1.0")
-        assert (point.aging().bonds == before.bonds).all()
-        assert (point.aging().friction_drop == factor * before.friction_drop).all()
+        assert (point.ageing().bonds == before.bonds).all()
+        assert (point.ageing().friction_drop == factor * before.friction_drop).all()
     lab.plugin("weak", RUPTURE_HOOK.format(above=15, factor=0.25), "1.1")
     again, contacts, replicas, _ = lab.sweep()
     # two replicas of each of two points, and one of each of the others, with which the new version is asked
     assert (contacts, replicas) == (0, 6)
-    assert (again[3].aging().friction_drop == 0.25 * plain[3].friction_drop).all()
+    assert (again[3].ageing().friction_drop == 0.25 * plain[3].friction_drop).all()
     lab.remove("weak")
-    assert [point.aging() == before for point, before in zip(lab.sweep()[0], plain, strict=True)] == [True] * 4
+    assert [point.ageing() == before for point, before in zip(lab.sweep()[0], plain, strict=True)] == [True] * 4
 
 
 def test_a_wrapper_is_in_the_points_that_it_changes_and_a_new_version_computes_just_those(lab):
@@ -184,7 +184,7 @@ def test_a_hook_of_the_kinetics_leaves_contacts_as_they_are(lab):
     assert contacts == 0
     assert replicas == 4 + 8  # asked, and computed again
     assert "4 points and 0 contacts" in said[0]
-    assert "seen" in again[0].aging().plugins
+    assert "seen" in again[0].ageing().plugins
     lab.plugin("seen", ENGINE_HOOK, "2.0")
     assert lab.sweep()[1:3] == (0, 8)
 

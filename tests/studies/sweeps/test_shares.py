@@ -138,9 +138,9 @@ def test_every_point_is_in_one_share_and_shares_are_alike(found, count):
 
 def test_points_with_the_same_kinetics_are_in_one_share(tiny):
     found = survey_of(read_grid({**tiny.scene(), "sweep": {"hold.seed": [0, 1, 2], "fit.start": [1.0, 2.0, 3.0]}}))
-    agings = [task.ageing for task in found.tasks]
-    of = dict(zip(agings, partition(found, 5), strict=True))
-    assert [of[aging] for aging in agings] == partition(found, 5)
+    ageings = [task.ageing for task in found.tasks]
+    of = dict(zip(ageings, partition(found, 5), strict=True))
+    assert [of[ageing] for ageing in ageings] == partition(found, 5)
 
 
 def test_the_first_process_decides_the_division(found, tmp_path):

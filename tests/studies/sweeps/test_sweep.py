@@ -16,7 +16,7 @@ import xarray
 from seen import read_grid, scene_schema, survey_of
 
 import chemage
-from chemage import Aging, InputError, parse_scene
+from chemage import Ageing, InputError, parse_scene
 from chemage.foundation.codec import from_json, to_json
 from chemage.kinetics.hooks import REPLICA_SECONDS
 from chemage.plugin import SceneError, StoreError, override
@@ -157,13 +157,13 @@ def test_speed_and_names_are_in_no_key(tiny):
     one = keys()
     assert keys(name="other", title="another") == one
     assert keys(engine={"kind": "tiny-coin", "pause": 0.5}) == one, "pause is speed_only"
-    assert keys(engine={"kind": "tiny-coin", "bias": 0.5})["aging"] != one["aging"]
+    assert keys(engine={"kind": "tiny-coin", "bias": 0.5})["ageing"] != one["ageing"]
     hard = keys(chemistry={"hardness": "10 GPa", "site_density": "pixel"})
-    assert hard["aging"] == one["aging"]
+    assert hard["ageing"] == one["ageing"]
     assert hard["result"] != one["result"]
     refit = keys(fit={"start": 2.0, "stop": 1e3})
     assert refit["result"] != one["result"]
-    assert refit["aging"] == one["aging"]
+    assert refit["ageing"] == one["ageing"]
 
 
 def test_threads_of_a_contact_solver_are_in_no_key():
@@ -199,9 +199,9 @@ def test_points_that_differ_in_the_limits_of_the_material_share_the_kinetics(tin
     result = chemage.sweep(swept(tiny, text), tmp_path / "out")
     assert len(tiny.computed("kinetics")) == 2
     assert [point.summary["load_above_hardness"] for point in result] == [1.0, 0.0]
-    assert [point.aging().elasticity["hardness"] for point in result] == [0.01, 1e6]
-    assert np.array_equal(result[0].aging().bonds, result[1].aging().bonds)
-    assert result[0].summary["keys"]["aging"] == result[1].summary["keys"]["aging"]
+    assert [point.ageing().elasticity["hardness"] for point in result] == [0.01, 1e6]
+    assert np.array_equal(result[0].ageing().bonds, result[1].ageing().bonds)
+    assert result[0].summary["keys"]["ageing"] == result[1].summary["keys"]["ageing"]
     assert len(result[0].run().notes) == len(result[1].run().notes) + 1
     for point in result:
         assert point.run().summary() == point.summary
@@ -214,12 +214,12 @@ def test_points_that_differ_in_the_limits_of_the_material_share_the_kinetics(tin
 def test_points_that_differ_in_their_fit_share_the_kinetics(tiny, tmp_path):
     result = chemage.sweep(swept(tiny, '[sweep]\n"fit.stop" = [1e2, 1e3]'), tmp_path / "out")
     assert len(tiny.computed("kinetics")) == 2
-    assert result[0].aging() == result[1].aging()
+    assert result[0].ageing() == result[1].ageing()
     assert [point.summary["beta"] for point in result] == [
-        pytest.approx(point.aging().fit(1.0, stop).beta) for point, stop in zip(result, (1e2, 1e3), strict=True)
+        pytest.approx(point.ageing().fit(1.0, stop).beta) for point, stop in zip(result, (1e2, 1e3), strict=True)
     ]
     assert result[0].summary["beta"] != result[1].summary["beta"]
-    assert result[0].summary["keys"]["aging"] == result[1].summary["keys"]["aging"]
+    assert result[0].summary["keys"]["ageing"] == result[1].summary["keys"]["ageing"]
     assert result[0].summary["keys"]["result"] != result[1].summary["keys"]["result"]
 
 
@@ -242,7 +242,7 @@ def test_a_point_equals_the_run_of_its_scene(tiny, tmp_path):
         for name in ("timings", "versions"):
             expected.pop(name), seen.pop(name)
         assert seen == expected
-        assert np.array_equal(point.aging().bonds, made.aging.bonds)
+        assert np.array_equal(point.ageing().bonds, made.ageing.bonds)
         assert np.array_equal(point.contact().pressure, made.contact.pressure)
 
 
@@ -257,7 +257,7 @@ def test_a_scene_without_chemistry_stops_at_the_contact(tiny, tmp_path):
         assert list(file["area_fraction"].values) == [0.0, 0.5]
         assert file.sizes["hold_time"] == 0
     with pytest.raises(StoreError, match="its scene stops at the contact"):
-        result[0].aging()
+        result[0].ageing()
 
 
 def test_a_run_again_computes_nothing(tiny, tmp_path):
@@ -388,7 +388,7 @@ def test_xarray_reads_the_file_as_it_reads_the_folder(result):
             )
             assert place["point"] == point.index
             assert place["status"] == "done"
-            assert np.array_equal(place["bonds"].values, point.aging().bonds)
+            assert np.array_equal(place["bonds"].values, point.ageing().bonds)
             assert place["beta"] == point.summary["beta"]
             half = np.array(point.summary["friction_drop_half_width"], dtype=float)  # None: not known
             assert np.array_equal(place["friction_drop_half_width"].values, half, equal_nan=True)
@@ -448,7 +448,7 @@ def test_hold_times_that_differ_are_padded(tiny, tmp_path):
     assert np.isnan(table.results["friction_drop"].values[:2, 2]).all()
     assert table.bonds.shape == (4, 3, 3)
     assert (table.bonds[0, 1:] == -1).all()
-    assert np.array_equal(table.bonds[3], result[3].aging().bonds)
+    assert np.array_equal(table.bonds[3], result[3].ageing().bonds)
     assert result.to_xarray()["hold_times"].dims == ("times", "replicas", "hold_time")
     with open(tmp_path / "out" / "results.csv", newline="") as stream:
         assert [float(row["last hold_time (s)"]) for row in csv.DictReader(stream)] == [10, 10, 100, 100]
@@ -469,7 +469,7 @@ def test_sections_and_words_are_text_in_the_table(tiny, tmp_path):
 
 
 def test_packed_ageing_is_the_same_ageing():
-    aging = Aging(
+    ageing = Ageing(
         hold_times=[0.1, 1.0 + 1e-15, 1e5],
         bonds=[[1, 2, 3], [0, 2, 2**31]],
         sites=[5, 2**32],
@@ -481,7 +481,7 @@ def test_packed_ageing_is_the_same_ageing():
         observables={"a": np.array([[np.nan, 1e-300], [np.inf, 2.0]]), "b": np.array([1, 2], dtype=np.int8)},
         provenance={"seed": "3"},
     )
-    assert from_json(Aging, json.loads(json.dumps(to_json(aging)))) == aging
+    assert from_json(Ageing, json.loads(json.dumps(to_json(ageing)))) == ageing
 
 
 def test_observables_come_back_from_the_folder(tiny, site, tmp_path):
@@ -493,21 +493,21 @@ def test_observables_come_back_from_the_folder(tiny, site, tmp_path):
 
     chemage.plugin.registry.current().register(Plugin, "observer")
     result = chemage.sweep(swept(tiny, '[sweep]\n"contact.load" = [1.0, 2.0]'), tmp_path / "out")
-    made = chemage.run(result[1].scene()).aging
-    assert result[1].aging().observables["state"].shape == (2, 18)
-    assert result[1].aging() == made
+    made = chemage.run(result[1].scene()).ageing
+    assert result[1].ageing().observables["state"].shape == (2, 18)
+    assert result[1].ageing() == made
 
 
 def test_notes_of_contact_and_ageing_come_back_from_the_folder(tiny, tmp_path):
     result = chemage.sweep(swept(tiny, '[sweep]\n"contact.load" = [1.0, 2.0]'), tmp_path / "out")
     alone = chemage.run(result[1].scene())
-    assert alone.aging.notes == ("tossed",)
+    assert alone.ageing.notes == ("tossed",)
     doubt = alone.fit().doubt
     for point in chemage.load_sweep(tmp_path / "out"):
-        assert point.aging().notes == alone.aging.notes
+        assert point.ageing().notes == alone.ageing.notes
         assert point.run().notes == alone.notes == ("even", "tossed", doubt)
         assert point.summary["notes"] == ["even", "tossed", doubt]
-    assert result[1].aging() == alone.aging
+    assert result[1].ageing() == alone.ageing
 
 
 def test_a_point_that_is_not_there_says_so(tiny, result):
@@ -515,7 +515,7 @@ def test_a_point_that_is_not_there_says_so(tiny, result):
     again = chemage.load_sweep(result.folder)
     assert again[2].status == "missing"
     with pytest.raises(StoreError, match=r"point 2 of .* is missing"):
-        again[2].aging()
+        again[2].ageing()
 
 
 def test_only_a_sweep_is_swept(tiny, tmp_path):

@@ -135,11 +135,11 @@ def test_the_distribution_of_pressure_is_compared_by_its_wasserstein_distance(fo
 
 def test_errors_of_beta_are_paired_surface_by_surface_and_replica_by_replica(found, scene):
     def betas(number, **options):
-        aging = ca.age(
+        ageing = ca.age(
             solved(scene, number, **options), scene.chemistry, engine=scene.engine, hold_times=scene.hold.hold_times,
             temperature=scene.hold.temperature, replicas=3, seed=scene.hold.seed + number, common="all",
         )  # fmt: skip
-        return np.polyfit(np.log10(aging.hold_times), aging.friction_coefficient_drop.T, 1)[0]
+        return np.polyfit(np.log10(ageing.hold_times), ageing.friction_coefficient_drop.T, 1)[0]
 
     pairs = np.array([betas(k, share=0.5) - betas(k) for k in range(ROUNDS)])
     each = pairs.mean(axis=1)

@@ -170,7 +170,7 @@ def betas(scene, **changes):
     """β of each replica with all random numbers in common."""
     contact = ca.solve_contact(scene.contact, scene.surface.make(), scene.load)
     chemistry, engine = scene.chemistry, changes.pop("engine", scene.engine)
-    aging = ca.age(
+    ageing = ca.age(
         contact,
         chemistry.replace(**changes),
         engine=engine,
@@ -180,8 +180,8 @@ def betas(scene, **changes):
         seed=3,
         common="all",
     )
-    use = (aging.hold_times >= 10 * (1 - 1e-9)) & (aging.hold_times <= 1e4 * (1 + 1e-9))
-    return np.polyfit(np.log10(aging.hold_times[use]), aging.friction_coefficient_drop[:, use].T, 1)[0]
+    use = (ageing.hold_times >= 10 * (1 - 1e-9)) & (ageing.hold_times <= 1e4 * (1 + 1e-9))
+    return np.polyfit(np.log10(ageing.hold_times[use]), ageing.friction_coefficient_drop[:, use].T, 1)[0]
 
 
 def test_differences_of_beta_are_paired(found, scene):

@@ -248,7 +248,7 @@ class FirstHalf(Observable):
 
     def draw(self, figure, axes, results):
         for one in results:
-            axes.plot(one.aging.observables["first_half"].mean(axis=0), color=one.color, label=one.label)
+            axes.plot(one.ageing.observables["first_half"].mean(axis=0), color=one.color, label=one.label)
 
 
 class Count(AgeingMethod):

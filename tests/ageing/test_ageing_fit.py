@@ -7,19 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from chemage import Aging, InputError, Measurements, fit_aging
+from chemage import Ageing, InputError, Measurements, fit_ageing
 
 
 @pytest.fixture
-def aging(examples):
-    return examples.aging
+def ageing(examples):
+    return examples.ageing
 
 
 def line(slope, cutoff, times, replicas=1, load=30.0, force=3.0, noise=0):
-    """An Aging whose bonds lie on slope·log10(t/cutoff), plus whole-number ``noise`` (replicas, m)."""
+    """An Ageing whose bonds lie on slope·log10(t/cutoff), plus whole-number ``noise`` (replicas, m)."""
     exact = slope * np.log10(np.asarray(times) / cutoff)
     bonds = np.rint(exact).astype(int) + np.zeros((replicas, 1), int) + noise
-    return Aging(
+    return Ageing(
         hold_times=times,
         bonds=bonds,
         sites=[10**8] * replicas,
@@ -41,42 +41,42 @@ def test_fit_of_an_exact_line_is_exact():
     assert fit.cutoff_time_stderr == pytest.approx(0, abs=1e-12)
 
 
-def test_fit_sees_only_its_window(aging):
+def test_fit_sees_only_its_window(ageing):
     times = 10.0 ** np.arange(-2.0, 7.0)
     bent = line(1000, 1e-3, times).bonds.copy()
     bent[0, times < 10] = 0
     bent[0, times > 1e4] = 10**6
-    made = aging(hold_times=times, bonds=bent, sites=[10**6], events=[1], load=3.0, observables={})
+    made = ageing(hold_times=times, bonds=bent, sites=[10**6], events=[1], load=3.0, observables={})
     assert made.fit(10, 1e4).beta == pytest.approx(1000)
     # the ends belong to the window, also when rounding put them an ulp outside
     assert made.fit(10 * (1 + 1e-12), 1e4 * (1 - 1e-12)).points == 4
     assert made.fit(10.1, 9e3).points == 2
 
 
-def test_time_zero_is_no_part_of_a_fit(aging):
-    made = aging(hold_times=[0.0, 1.0, 10.0])
+def test_time_zero_is_no_part_of_a_fit(ageing):
+    made = ageing(hold_times=[0.0, 1.0, 10.0])
     assert made.fit(0, 10).points == 2
 
 
 @pytest.mark.parametrize("window", [(20, 90), (1e3, 1e4), (100, 1), (1, 5), ("1 h", "1 day")])
-def test_a_window_with_less_than_two_times_is_refused(aging, window):
+def test_a_window_with_less_than_two_times_is_refused(ageing, window):
     problem = r"fit window = .*holds [01] different hold times, and a fit needs 2; widen it"
     with pytest.raises(InputError, match=problem):
-        aging().fit(*window)
+        ageing().fit(*window)
 
 
-def test_hold_times_that_repeat_are_one(aging):
+def test_hold_times_that_repeat_are_one(ageing):
     with pytest.raises(InputError, match="holds 1 different hold times, and a fit needs 2"):
-        aging(hold_times=[10.0, 10.0, 100.0]).fit(1, 50)
+        ageing(hold_times=[10.0, 10.0, 100.0]).fit(1, 50)
 
 
-def test_fit_refuses_what_is_no_time(aging):
+def test_fit_refuses_what_is_no_time(ageing):
     with pytest.raises(InputError, match="gigapascal"):
-        aging().fit("1 GPa", "10 s")
+        ageing().fit("1 GPa", "10 s")
 
 
-def test_a_line_that_falls_has_no_cutoff(aging):
-    made = aging(bonds=[[30, 20, 10], [31, 20, 12]])
+def test_a_line_that_falls_has_no_cutoff(ageing):
+    made = ageing(bonds=[[30, 20, 10], [31, 20, 12]])
     fit = made.fit(1, 100)
     assert fit.beta < 0
     assert math.isnan(fit.cutoff_time)
@@ -90,7 +90,7 @@ def test_a_cutoff_decades_before_the_hold_times_is_not_stated(cutoff, bootstrap)
     times = 10.0 ** np.arange(0, 6)
     noise = 10 * np.random.default_rng(1).integers(-9, 10, (5, 6))
     made = line(1000, cutoff, times, replicas=5, noise=noise)
-    fit = fit_aging(made, window=(10, 1e4), bootstrap=bootstrap)
+    fit = fit_ageing(made, window=(10, 1e4), bootstrap=bootstrap)
     assert fit.beta == pytest.approx(100, rel=0.1)
     assert fit.beta_interval.low > 0
     # the line itself is known
@@ -156,5 +156,5 @@ def test_the_error_of_measurements_is_that_of_least_squares_and_one_replica_has_
     made = line(1000, 1e-2, times, noise=noise)
     (_, _), covariance = np.polyfit(np.log10(times), made.friction_drop[0], 1, cov=True)
     data = Measurements("m", times, made.friction_drop[0], "friction_drop", None)
-    assert fit_aging(data).friction_rate_stderr == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-10)
+    assert fit_ageing(data).friction_rate_stderr == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-10)
     assert math.isnan(made.fit(10, 1e6).friction_rate_stderr)

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from seen import result_of
 
-from chemage import InputError, fit_aging
+from chemage import InputError, fit_ageing
 
 
 @pytest.fixture
-def aging(examples):
-    return examples.aging
+def ageing(examples):
+    return examples.ageing
 
 
-def test_friction_drop_is_bonds_times_force(aging):
-    made = aging(bond_force=3.0, front_factor=0.5)
+def test_friction_drop_is_bonds_times_force(ageing):
+    made = ageing(bond_force=3.0, front_factor=0.5)
     assert made.replicas == 2
     assert made.friction_drop.tolist() == [[15, 30, 45], [18, 36, 45]]
     assert made.friction_coefficient_drop.tolist() == [[0.25, 0.5, 0.75], [0.3, 0.6, 0.75]]
@@ -28,18 +28,18 @@ def test_friction_drop_is_bonds_times_force(aging):
     assert made.friction_coefficient_drop_stderr.tolist() == pytest.approx([0.025, 0.05, 0])
 
 
-def test_no_load_has_a_drop_of_the_friction_force_but_no_coefficient(aging):
-    made = aging(load=0.0)
+def test_no_load_has_a_drop_of_the_friction_force_but_no_coefficient(ageing):
+    made = ageing(load=0.0)
     assert np.isfinite(made.friction_drop).all()
     assert np.isnan(made.friction_coefficient_drop).all()
     with pytest.raises(InputError, match="load = 0: the friction coefficient is undefined"):
         made.fit(1, 100)
-    force = fit_aging(made, window=(1, 100), quantity="friction_drop")
+    force = fit_ageing(made, window=(1, 100), quantity="friction_drop")
     assert force.friction_rate == force.beta > 0
 
 
-def test_one_replica_has_no_standard_error(aging):
-    one = aging(bonds=[[10, 20, 30]], sites=[50], events=[30], observables={})
+def test_one_replica_has_no_standard_error(ageing):
+    one = ageing(bonds=[[10, 20, 30]], sites=[50], events=[30], observables={})
     assert np.isnan(one.friction_drop_stderr).all()
 
 
@@ -60,9 +60,9 @@ def test_one_replica_has_no_standard_error(aging):
         ({"temperature": math.nan}, "temperature: nan"),
     ],
 )
-def test_ageings_that_are_refused(aging, changes, problem):
-    with pytest.raises(InputError, match=f"Aging: {problem}"):
-        aging(**changes)
+def test_ageings_that_are_refused(ageing, changes, problem):
+    with pytest.raises(InputError, match=f"Ageing: {problem}"):
+        ageing(**changes)
 
 
 @pytest.mark.parametrize(
@@ -70,5 +70,5 @@ def test_ageings_that_are_refused(aging, changes, problem):
 )
 def test_the_main_number_is_at_a_time_that_many_results_have(examples, times, shown):
     """1000 s or else 1 s, ends included, or the last hold time."""
-    (_, label), *_ = result_of(examples.aging(hold_times=times)).summary()
+    (_, label), *_ = result_of(examples.ageing(hold_times=times)).summary()
     assert label == f"friction coefficient drop Δμ at {shown} s"

@@ -21,7 +21,7 @@ from chemage.ageing.fitting import (
     Fit,
     FitData,
     Friction,
-    fit_aging,
+    fit_ageing,
     line_slopes,
     line_weights,
     why_not_fitted,
@@ -80,7 +80,7 @@ BONDS: dict[str, Curve] = by_name(
 )
 
 
-class Aging(Observing, Record):
+class Ageing(Observing, Record):
     """Bonds of several replicas against hold time, and the static friction rise they make."""
 
     arrays = {
@@ -411,7 +411,7 @@ class Aging(Observing, Record):
     ) -> Fit:
         """Line of Δμ against log10 t over ``start`` ≤ t ≤ ``stop`` (s): β, cut-off time, and their errors.
 
-        See :func:`chemage.fit_aging`, of which this is the line over a window. Standard errors are jackknife errors
+        See :func:`chemage.fit_ageing`, of which this is the line over a window. Standard errors are jackknife errors
         over replicas. A single replica has none: its hold times share their bonds, so that their scatter about the line
         says nothing of the error.
 
@@ -421,7 +421,7 @@ class Aging(Observing, Record):
             Fewer than two different hold times in the window, or no load.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            fit = fit_aging(self, window=(start, stop))
+            fit = fit_ageing(self, window=(start, stop))
         if not np.isfinite(fit.beta):
             raise InputError(
                 "friction: its fit is out of the range of numbers; check load and bond_force"
@@ -429,7 +429,7 @@ class Aging(Observing, Record):
         return fit
 
     def fit_data(self, quantity: Friction | None) -> FitData:
-        """The friction drop of every replica, for :func:`chemage.fit_aging`."""
+        """The friction drop of every replica, for :func:`chemage.fit_ageing`."""
         chosen: Friction = quantity or "friction_coefficient_drop"
         if chosen == "friction_coefficient_drop" and self.load <= 0:
             raise InputError(
@@ -566,7 +566,7 @@ class Aging(Observing, Record):
 
     def __repr__(self) -> str:
         return (
-            f"<Aging {self.replicas} replicas, {self.hold_times.size} hold times to {self.hold_times[-1]:g} s, "
+            f"<Ageing {self.replicas} replicas, {self.hold_times.size} hold times to {self.hold_times[-1]:g} s, "
             f"friction drop {self.mean_friction_drop[-1]:.4g} nN>"
         )
 
@@ -574,69 +574,69 @@ class Aging(Observing, Record):
 
 
 def fit_or_reason(
-    aging: Aging, window: tuple[float, float]
+    ageing: Ageing, window: tuple[float, float]
 ) -> tuple[Fit | None, str]:
     """The line of Δμ over ``window`` (s), or None and why it cannot be fitted, in words."""
-    if reason := aging.unfitted or why_not_fitted(aging.hold_times, window):
+    if reason := ageing.unfitted or why_not_fitted(ageing.hold_times, window):
         return None, reason
     try:
-        return aging.fit(*window), ""
+        return ageing.fit(*window), ""
     except InputError as error:
         return None, str(error)
 
 
-def beta_parts(aging: Aging, window: tuple[float, float]) -> dict[str, ErrorPart]:
+def beta_parts(ageing: Ageing, window: tuple[float, float]) -> dict[str, ErrorPart]:
     """Parts of the error of β over ``window`` (s) that the scatter of the replicas does not contain: those of the mean
     number of bonds where there are no replicas, and that of the distribution of barriers.
 
     Errors of the bonds at different hold times may have any signs, also opposite ones early and late, so that their
     parts in the slope are added up by magnitude.
     """
-    if aging.replicas > 1 and aging.member_ratios is None:
+    if ageing.replicas > 1 and ageing.member_ratios is None:
         return {}
-    fit, _ = fit_or_reason(aging, window)
+    fit, _ = fit_or_reason(ageing, window)
     if fit is None:
         return {}
     parts = {}
-    if aging.replicas == 1:
-        use, weights = line_weights(aging.hold_times, window)
-        slopes = np.abs(weights) * aging.mean_friction_coefficient_drop[use]
+    if ageing.replicas == 1:
+        use, weights = line_weights(ageing.hold_times, window)
+        slopes = np.abs(weights) * ageing.mean_friction_coefficient_drop[use]
         parts = {
             name: float(np.sum(slopes * error[use]))
-            for name, error in aging.errors.items()
+            for name, error in ageing.errors.items()
             if name != BARRIERS
         }
-    if aging.member_ratios is not None:
-        drops = aging.member_ratios * aging.mean_friction_coefficient_drop
-        of_members = line_slopes(aging.hold_times, drops, window)
+    if ageing.member_ratios is not None:
+        drops = ageing.member_ratios * ageing.mean_friction_coefficient_drop
+        of_members = line_slopes(ageing.hold_times, drops, window)
         if np.isfinite(of_members).all():
             parts[BARRIERS] = float(of_members.std(ddof=1))
     return {
-        name: ErrorPart(size, aging.error_sources[name])
+        name: ErrorPart(size, ageing.error_sources[name])
         for name, size in parts.items()
     }
 
 
 def stored_curves(
-    aging: Aging,
+    ageing: Ageing,
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray, str, str]]:
     """The curves of friction that a file has: name -> (dimensions, values, unit, meaning)."""
     return {
         name: ((HOLD_TIME.name,), curve.numbers()[name], unit, meaning)
-        for curve in aging.curves()
+        for curve in ageing.curves()
         if curve.name in DROPS
         for name, unit, meaning in curve.columns()
     }
 
 
-def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
-    """The curves and the fit over ``window`` (first and last hold time, s), to be stored beside ``aging``.
+def derived(ageing: Ageing, window: tuple[float, float] = FIT_WINDOW) -> Derived:
+    """The curves and the fit over ``window`` (first and last hold time, s), to be stored beside ``ageing``.
 
     Without two hold times in the window there is no fit.
     """
-    fit, _ = fit_or_reason(aging, window)
+    fit, _ = fit_or_reason(ageing, window)
     if fit is None:
-        return Derived(stored_curves(aging), {})
+        return Derived(stored_curves(ageing), {})
     numbers: dict[str, Any] = {
         name: value
         for one in fit.quantities()
@@ -646,7 +646,7 @@ def derived(aging: Aging, window: tuple[float, float] = FIT_WINDOW) -> Derived:
         "fit_window": np.array(window, dtype=np.float64),
         "fit_range": np.array(fit.span),
     }
-    return Derived(stored_curves(aging), numbers | ends)
+    return Derived(stored_curves(ageing), numbers | ends)
 
 
 #: what is reported, where it is known
@@ -705,7 +705,7 @@ NOTED_ELASTIC = 0.05
 def elastic_limits(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
     """The limits that ``chemistry`` gives, and the shares of area and load of ``contact`` above the hardness.
 
-    This is what :attr:`Aging.elasticity` stores; it is empty where no limit is given.
+    This is what :attr:`Ageing.elasticity` stores; it is empty where no limit is given.
     """
     limits = chemistry.given_limits()
     if "hardness" in limits:
@@ -726,12 +726,12 @@ def elastic_limits(contact: Contact, chemistry: Chemistry) -> dict[str, float]:
     return limits
 
 
-def elastic_measures(aging: Aging | None) -> dict[str, float]:
+def elastic_measures(ageing: Ageing | None) -> dict[str, float]:
     """Those of :data:`ELASTIC_MEASURES` that are known of a result; none without ageing."""
-    if aging is None:
+    if ageing is None:
         return {}
-    measures = dict(aging.elasticity)
-    if math.isfinite(stress := aging.mean_shear_stress):
+    measures = dict(ageing.elasticity)
+    if math.isfinite(stress := ageing.mean_shear_stress):
         measures["mean_shear_stress"] = stress
         if "shear_strength" in measures:
             measures["shear_stress_to_strength"] = (
@@ -740,9 +740,9 @@ def elastic_measures(aging: Aging | None) -> dict[str, float]:
     return {name: measures[name] for name in ELASTIC_MEASURES if name in measures}
 
 
-def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
+def elastic_notes(ageing: Ageing | None) -> tuple[str, ...]:
     """What the user should know of pressures and stresses beyond :data:`NOTED_ELASTIC`, in words."""
-    measures = elastic_measures(aging)
+    measures = elastic_measures(ageing)
     notes = []
     area = measures.get("area_above_hardness", 0.0)
     load = measures.get("load_above_hardness", 0.0)
@@ -753,12 +753,12 @@ def elastic_notes(aging: Aging | None) -> tuple[str, ...]:
             "flow would limit"
         )
     if (
-        aging is not None
+        ageing is not None
         and measures.get("shear_stress_to_strength", 0.0) > NOTED_ELASTIC
     ):
         stress, strength = measures["mean_shear_stress"], measures["shear_strength"]
         notes.append(
-            f"at {aging.hold_times[-1]:g} s the bonds carry a mean shear stress of {stress:.3g} GPa, "
+            f"at {ageing.hold_times[-1]:g} s the bonds carry a mean shear stress of {stress:.3g} GPa, "
             f"{_percent(stress / strength)} of the shear strength of {strength:g} GPa: the model does not limit it, "
             "but the solid would yield at its strength"
         )
@@ -785,13 +785,13 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %" if share < 0.1 else f"{100 * share:.0f} %"
 
 
-def bond_errors(aging: Aging | None) -> dict[str, Any]:
+def bond_errors(ageing: Ageing | None) -> dict[str, Any]:
     """The errors of the mean beside the scatter of the replicas; empty where there are none."""
-    if aging is None or not aging.errors:
+    if ageing is None or not ageing.errors:
         return {}
     return {
         "bond_errors": {
-            name: error.tolist() for name, error in aging.errors.items()
+            name: error.tolist() for name, error in ageing.errors.items()
         },
-        "bond_error_sources": aging.error_sources,
+        "bond_error_sources": ageing.error_sources,
     }
