@@ -24,7 +24,7 @@ from chemage.foundation.errors import InputError
 from chemage.foundation.machine import kernel_folder
 from chemage.foundation.records import text_hash
 
-if config.DISABLE_JIT:
+if getattr(config, "DISABLE_JIT", 0):
     raise InputError.of(
         "NUMBA_DISABLE_JIT",
         os.environ.get("NUMBA_DISABLE_JIT", "1"),
