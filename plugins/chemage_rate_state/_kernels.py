@@ -19,22 +19,20 @@ def states(
     slip: bool,
     b: float,
     pull: float,
-    begins: np.ndarray,
+    ends: np.ndarray,
     ratios: np.ndarray,
     times: np.ndarray,
     steps: int,
 ) -> np.ndarray:
-    """(m, 2) x and y at ``times`` (m,), where the load point moves at ``ratios`` (n,) from ``begins`` (n,) on; from 0 at
-    the first; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the slider is unstable, or
-    after so many ``steps``, unless they are negative."""
+    """(m, 2) x and y at ``times`` (m,), from 0 at time 0, where the load point moves at ``ratios`` (n,) until ``ends`` (n,),
+    of which the last is infinite; by the classical Runge–Kutta method, ``b`` and ``pull`` over a. NaN from where the
+    slider is unstable, or after so many ``steps``, unless they are negative."""
     found = np.full((times.size, 2), np.nan)
     x = y = 0.0
-    now, part = begins[0], 0
+    now, part = 0.0, 0
     for i in range(times.size):
         while now < times[i]:
-            end = times[i]
-            if part + 1 < begins.size:
-                end = min(end, begins[part + 1])
+            end = min(times[i], ends[part])
             speed, aged = math.exp(x), math.exp(-y)
             # with which the state forgets
             rate = (1 + b + pull) * speed
@@ -53,11 +51,11 @@ def states(
                 all_y += weight * dy
             x += h / 6 * all_x
             y += h / 6 * all_y
-            now = now + h if now + h < end else end
+            now = min(now + h, end)
             steps -= 1
             if not (SLOWEST < x < FASTEST and steps):
                 return found
-            if part + 1 < begins.size and now == begins[part + 1]:
+            if now == ends[part]:
                 part += 1
         found[i, 0], found[i, 1] = x, y
     return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -56,16 +58,16 @@ def rate_state(
     import chemage as ca
     from chemage.plugin import convert
     from chemage_rate_state.display import RateStateDisplay
-    from chemage_rate_state.fit import fit_rate_state
     from chemage_rate_state.laws import LAWS
     from chemage_rate_state.traces import read_trace, trace_of
 
-    if law not in (*LAWS, "both"):
+    laws = [one for one in LAWS if law in (one, "both")]
+    if not laws:
         raise options.user_error(f"--law {law}: choose ageing, slip or both")
     output.check_figure(out, force)
     given = None if stiffness is None else convert(stiffness, "1/um")
     known = [
-        None if text is None else [convert(one, unit) for one in text.split(",")]
+        [convert(one, unit) for one in text.split(",")] if text else []
         for text, unit in ((speeds, "um/s"), (changes, "s"))
     ]
     if file.suffix.lower() not in options.RESULTS:
@@ -76,19 +78,8 @@ def rate_state(
         )
     else:
         trace = trace_of(ca.read(file), given)
-    laws = LAWS if law == "both" else (law,)
-    fits, failed = [], {}
-    with progress.progress_bars({"fitting": "laws"}) as report:
-        for number, one in enumerate(laws):
-            report("fitting", number, len(laws))
-            try:
-                fits.append(fit_rate_state(trace, one))
-            except ca.InputError as error:
-                failed[one] = str(error)
-        report("fitting", len(laws), len(laws))
-    if not fits:
-        raise options.user_error("\n".join(failed.values()))
-    output.deliver(RateStateDisplay(fits, failed), out, as_json, as_csv, force)
+    result = RateStateDisplay(trace, laws)
+    output.deliver(result, out, as_json, as_csv, force)
 
 
 def slip_length(
@@ -118,19 +109,15 @@ def slip_length(
     gives a line for each of its points, and the power of the mean chord of a patch.
     """
     from chemage.plugin import convert, scenes_of
-    from chemage_rate_state.display import RenewalDisplay, RenewalsDisplay
+    from chemage_rate_state.renewal import RenewalDisplay
     from chemage_rate_state.renewal import slip_length as measured
 
     output.check_figure(out, force)
-    scenes = scenes_of(scene, options.changed_fields(changes))
     length = None if slip is None else convert(slip, "nm")
     found = []
     with progress.progress_bars({"sliding": "steps"}) as report:
-        for varied, one in scenes:
-            renewal = measured(
-                one, surfaces, length, lambda step, of: report("sliding", step, of)
-            )
-            found.append((varied, renewal))
-    several = len(found) > 1
-    display = RenewalsDisplay(found) if several else RenewalDisplay(found[0][1])
-    output.deliver(display, out, as_json, as_csv, force)
+        for varied, one in scenes_of(scene, options.changed_fields(changes)):
+            point = ", ".join(f"{path} = {value}" for path, value in varied.items())
+            part = measured(one, surfaces, length, partial(report, "sliding"))
+            found.append(replace(part, of=point and f" at {point}"))
+    output.deliver(RenewalDisplay(*found), out, as_json, as_csv, force)

@@ -33,12 +33,14 @@ HALVES = 7
 #: probability by chance below which a law does not explain a trace, and error of a logarithm above which it is not judged
 UNLIKELY, UNTOLD = 0.01, 0.5
 
-A = Quantity("a", "1", "direct effect", "a", rank=Rank.FIRST)
-B = Quantity("b", "1", "evolution effect", "b", rank=Rank.FIRST)
+DECLARED = (
+    Quantity("a", "1", "direct effect", "a", rank=Rank.FIRST),
+    Quantity("b", "1", "evolution effect", "b", rank=Rank.FIRST),
+    Quantity("slip_length", "um", "slip length", "D_c", rank=Rank.FIRST),
+    Quantity("stiffness", "1/um", "stiffness over the normal force", "K"),
+)
 BOTH = Quantity("a_minus_b", "1", "velocity dependence", "a − b")
-SLIP_LENGTH = Quantity("slip_length", "um", "slip length", "D_c", rank=Rank.FIRST)
-STIFFNESS = Quantity("stiffness", "1/um", "stiffness over the normal force", "K")
-DECLARED = A, B, SLIP_LENGTH, STIFFNESS
+NOISE = Quantity("noise", "1", "standard deviation of what is left")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,41 +66,33 @@ class RateStateFit:
         """Parameters with 95 % intervals."""
         limit, found = statistics.student_limit(self.freedom), []
         errors = np.sqrt(np.diag(self.covariance))
-        for one, value in zip(DECLARED, self.parameters, strict=True):
-            if len(found) == errors.size:
-                found.append(one.but(value=value, reason="given"))
-                continue
-            error = errors[len(found)]
+        for one, value, error in zip(
+            DECLARED, self.parameters, errors, strict=False
+        ):
             ratio = np.exp(limit * error)
+            ends = value / ratio, value * ratio
             found.append(
-                one.but(value=value, stated="ends").within(
-                    value / ratio, value * ratio, value * error
-                )
+                one.but(value=value, stated="ends").within(*ends, value * error)
             )
+        if errors.size < len(DECLARED):
+            given = self.parameters.stiffness
+            found.append(DECLARED[-1].but(value=given, reason="given"))
         slopes = np.array(self.parameters[:2]) * (1, -1)
         error = float(np.sqrt(slopes @ self.covariance[:2, :2] @ slopes))
-        return [*found, BOTH.but(value=slopes.sum()).between(limit * error, error)]
-
-    @property
-    def noise(self) -> float:
-        """Standard deviation of what is left."""
-        return float((self.trace.friction - self.fitted).std())
-
-    @property
-    def told(self) -> bool:
-        """Whether the noise leaves a, b and D_c to be seen."""
-        return bool(np.diag(self.covariance)[:3].max() < UNTOLD**2)
+        noise = NOISE.but(value=float((self.trace.friction - self.fitted).std()))
+        both = BOTH.but(value=slopes.sum()).between(limit * error, error)
+        return [*found, both, noise]
 
     @property
     def explains(self) -> bool:
-        """Whether what the law leaves is noise."""
-        return self.told and self.probability >= UNLIKELY
+        """Whether what the law leaves is noise, which leaves a, b and D_c to be seen."""
+        return self.words().startswith("explains")
 
     def words(self) -> str:
         """Whether the law explains the trace."""
-        if not self.told:
+        if np.diag(self.covariance)[:3].max() >= UNTOLD**2:
             return "cannot be judged: the noise hides a, b or D_c"
-        if self.explains:
+        if self.probability >= UNLIKELY:
             return f"explains the trace (p = {self.probability:.2g})"
         return (
             f"does not explain the trace: after changes of speed it leaves more than noise (p = {self.probability:.1g}); "
@@ -126,9 +120,9 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
         raise InputError(
             f"the {law} law is unstable from every start; check units and stiffness"
         )
-    plain = _Misfit(law, trace, POINTS)
-    misfit = _Misfit(law, trace, POINTS, plain.memory_at(plain.least(ends[0].x)))
-    best, *others = ends = _distinct(misfit.least(one.x) for one in ends)
+    misfit = _Misfit(law, trace, POINTS)
+    misfit.whiten(misfit.memory_at(misfit.least(ends[0].x)))
+    best, *others = _distinct(misfit.least(one.x) for one in ends)
     freedom = best.fun.size - best.x.size - misfit.base.shape[1]
     try:
         covariance = np.linalg.inv(best.jac.T @ best.jac) * 2 * best.cost / freedom
@@ -178,25 +172,27 @@ def _drifts(trace: Trace) -> np.ndarray:
 class _Misfit:
     """What a law leaves of some points, for logarithms of a, b, D_c and, unless the trace has it, K."""
 
-    def __init__(
-        self, law: Law, trace: Trace, points: int, memory: Sequence[float] = WHITE
-    ) -> None:
+    def __init__(self, law: Law, trace: Trace, points: int) -> None:
         kept = slice(None, None, -(-trace.times.size // points))
         self.law: Law = law
-        self.trace, self.memory = trace, memory
+        self.given, self.loading = trace.stiffness, trace.loading
         self.times, self.friction = trace.times[kept], trace.friction[kept]
         self.drifts = _drifts(trace)[kept]
+        self.whiten(WHITE)
+
+    def whiten(self, memory: Sequence[float]) -> None:
+        """From here on noise has this ``memory``."""
+        self.memory = memory
         self.base = np.linalg.qr(_whitened(self.drifts, memory))[0]
 
     def parameters(self, logs: np.ndarray) -> Parameters:
-        given = self.trace.stiffness
         free = np.exp(np.clip(logs, -50, 50)).tolist()
-        return Parameters(*free, *([] if given is None else [given]))
+        return Parameters(*free, *([] if self.given is None else [self.given]))
 
     def model(self, one: Parameters) -> np.ndarray:
         """(m,) change of friction."""
         steps = MOST * (self.times.size + MOST)
-        return change(self.law, one, self.trace.loading, self.times, steps)
+        return change(self.law, one, self.loading, self.times, steps)
 
     def left(self, logs: np.ndarray) -> np.ndarray:
         """(n,) what no constant and no trend explain either, as multiples of independent noise."""
@@ -209,22 +205,14 @@ class _Misfit:
         """The minimum of its squares from ``start``."""
         from scipy.optimize import least_squares
 
-        how: Any = {
-            "x_scale": "jac",
-            "diff_step": 1e-5,
-            "ftol": 1e-6,
-            "xtol": 1e-10,
-            "max_nfev": 60,
-        }
-        return least_squares(self.left, start, "3-point", **how)
+        how: Any = {"diff_step": 1e-5, "ftol": 1e-6, "xtol": 1e-10, "max_nfev": 60}
+        return least_squares(self.left, start, "3-point", x_scale="jac", **how)
 
     def starts(self) -> list[np.ndarray]:
         """The best of each D_c; where K is free a follows from the size of the change."""
-        loading, given, found = self.trace.loading, self.trace.stiffness, []
-        after = np.diff(
-            loading.displacement(np.array([loading.times[1], self.times[-1]]))
-        )
-        for length in after * LENGTHS:
+        found = []
+        ends = np.array([self.loading.times[1], self.times[-1]])
+        for length in np.diff(self.loading.displacement(ends)) * LENGTHS:
             tried = []
             for ratio, above in product(RATIOS, ABOVE):
                 pull = max(ratio - 1.0, 0.0) + above
@@ -232,21 +220,23 @@ class _Misfit:
                 shape = self.model(one)
                 if not np.isfinite(shape[-1]):
                     continue
-                if given is None:
+                if self.given is None:
                     columns = np.column_stack([self.drifts, shape])
                     solved = np.linalg.lstsq(columns, self.friction, rcond=None)[0]
                     size = max(solved[-1], 1e-4)
                 else:
-                    size = given * length / pull
+                    size = self.given * length / pull
                 logs = np.log([size, size * ratio, length, size * pull / length])
-                logs = logs[: 4 if given is None else 3]
-                tried.append((np.sum(self.left(logs) ** 2), *logs))
-            found += [np.array(min(tried)[1:])] if tried else []
+                tried.append(logs[: 4 if self.given is None else 3])
+            if tried:
+                found.append(
+                    min(tried, key=lambda one: np.sum(self.left(one) ** 2))
+                )
         return found
 
     def parts(self) -> np.ndarray:
         """(m, parts) functions of the time after each change of speed, linear between its end, its half, its quarter, ..."""
-        begins = np.append(self.trace.loading.times, self.times[-1] + 1e-9)
+        begins = np.append(self.loading.times, self.times[-1] + 1e-9)
         part = np.searchsorted(begins, self.times, "right") - 1
         share = (self.times - begins[part]) / (begins[part + 1] - begins[part])
         half = np.clip(-np.log2(np.maximum(share, 1e-9)), 0, HALVES)[:, None]

@@ -11,11 +11,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 Law: TypeAlias = Literal["ageing", "slip"]
-PAPERS: dict[Law, str] = {
-    "ageing": "Dieterich, J. Geophys. Res. 84, 2161 (1979), doi:10.1029/JB084iB05p02161",
-    "slip": "Ruina, J. Geophys. Res. 88, 10359 (1983), doi:10.1029/JB088iB12p10359",
-}
-LAWS = tuple(PAPERS)
+LAWS: tuple[Law, ...] = "ageing", "slip"
 
 
 class Parameters(NamedTuple):
@@ -58,6 +54,8 @@ def change(
     a, b, length, stiffness = one
     unit, first = loading.speeds[0] / length, loading.times[0]
     pull, ratios = stiffness * length / a, loading.speeds / loading.speeds[0]
-    begins, passed = unit * (loading.times - first), unit * (times - first)
-    found = states(law == "slip", b / a, pull, begins, ratios, passed, steps)
+    ends = np.append(unit * (loading.times[1:] - first), np.inf)
+    found = states(
+        law == "slip", b / a, pull, ends, ratios, unit * (times - first), steps
+    )
     return a * found[:, 0] + b * found[:, 1]

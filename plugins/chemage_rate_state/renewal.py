@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,20 @@ from chemage import (
     make_surface,
     solve_contact,
 )
-from chemage.plugin import Curve, Quantity, Rank, contact_of
+from chemage.plugin import (
+    Panel,
+    Picture,
+    Quantity,
+    Rank,
+    Result,
+    contact_of,
+    displays,
+    figures,
+    text,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SLIP_LENGTH = Quantity(
     "slip_length",
@@ -28,19 +41,12 @@ SLIP_LENGTH = Quantity(
     "mean slip since the sites in contact came into it",
     Rank.FIRST,
 )
-PATCH = Quantity("mean_chord", "nm", "mean chord of a patch", "4A/C")
-OVERLAP = Quantity(
-    "overlap_length", "nm", "integral of the overlap with the first contact"
-)
-SLIP = Quantity("slip", "nm", "slip")
-SURVIVAL = Curve(
-    "unrenewed", "1", "share of the sites that stayed in contact", axis_of=SLIP
-)
-OVERLAPPED = Curve(
-    "overlap", "1", "share of the first contact that is in contact", axis_of=SLIP
-)
+CHORD = Quantity("mean_chord", "nm", "mean chord of a patch", "4A/C")
+SLIP = Quantity("slip", "nm", "slip of the surfaces")
 #: slip over the mean chord of a patch, unless it is given; seeds between the two surfaces
 CHORDS, APART = 6.0, 1_000_003
+#: share of sites that a slip did not renew from which it is said to be short
+LEFT = 0.1
 Report = Callable[[int, int], None]
 
 
@@ -48,47 +54,25 @@ Report = Callable[[int, int], None]
 class Renewal:
     """What stays in contact while surfaces slide."""
 
-    name: str
     #: (m,) nm
     slips: np.ndarray
-    #: (surfaces, m) share of the sites in contact that have been there for this slip; of the first contact's sites, those
-    #: that are in contact after it
+    #: (surfaces, m) share of the sites in contact that have been there for this slip
     unrenewed: np.ndarray
-    overlap: np.ndarray
     #: (surfaces,) nm
     mean_chords: np.ndarray
+    #: which point of a sweep it is; "" outside sweeps
+    of: str = ""
 
     def quantities(self) -> list[Quantity]:
-        """Means over pairs of surfaces."""
-        lengths = [_integral(self.slips, one) for one in self.unrenewed]
-        overlaps = [_integral(self.slips, one) for one in self.overlap]
-        return [
-            SLIP_LENGTH.of_replicas(np.array(lengths)),
-            PATCH.of_replicas(self.mean_chords),
-            OVERLAP.of_replicas(np.array(overlaps)),
-        ]
-
-    def curves(self) -> list[Curve]:
-        """Both shares against slip."""
-        over = f"mean of {len(self.unrenewed)} pairs of surfaces, 95 %"
-        return [
-            curve.of_replicas(self.slips, values, over)
-            for curve, values in (
-                (SURVIVAL, self.unrenewed),
-                (OVERLAPPED, self.overlap),
-            )
-        ]
-
-    @property
-    def left(self) -> float:
-        """Share that no slip renewed, of which the slip length knows nothing."""
-        return float(self.unrenewed[:, -1].mean())
-
-
-def _integral(slips: np.ndarray, share: np.ndarray) -> float:
-    """∫ of a share, whose end falls as before: exponentially, by its mean so far."""
-    seen = float(np.trapezoid(share, slips))
-    return seen / (1.0 - float(share[-1])) if share[-1] < 1 else math.inf
+        """Means over pairs of surfaces. The share that no slip renewed falls as before: exponentially, by its mean so far."""
+        last = self.unrenewed[:, -1]
+        lengths = np.trapezoid(self.unrenewed, self.slips, axis=1) / (1 - last)
+        means = (
+            SLIP_LENGTH.of_replicas(lengths),
+            CHORD.of_replicas(self.mean_chords),
+            SLIP.but(value=self.slips[-1]),
+        )
+        return [one.but(name=one.name + self.of, of=self.of[1:]) for one in means]
 
 
 def slip_length(
@@ -118,111 +102,102 @@ def slip_length(
         the side.
     """
     loaded = load_scene(scene) if isinstance(scene, str) else scene
-    pairs, pixels = [], None
+    shares, chords, slips = [], [], np.zeros(1)
     for number in range(surfaces):
         seed = loaded.surface_seed + number
-        one = _slid(
-            loaded, seed, slip, pixels, lambda s, n: report and report(s, n)
-        )
-        pixels = one.unrenewed.size - 1
-        pairs.append(one)
-    stacked = (
-        np.stack([getattr(one, name) for one in pairs]) for name in _Pair._fields
-    )
-    unrenewed, overlap, chords, pixel_sizes = stacked
-    slips = float(pixel_sizes[0]) * np.arange(unrenewed.shape[1])
-    return Renewal(loaded.name, slips, unrenewed, overlap, chords)
-
-
-class _Pair(NamedTuple):
-    """Of one pair of surfaces."""
-
-    #: (m,) see :class:`Renewal`
-    unrenewed: np.ndarray
-    overlap: np.ndarray
-    mean_chord: float
-    pixel_size: float
+        slips, share, chord = _slid(loaded, seed, slip, report)
+        slip = slips[-1]
+        shares.append(share)
+        chords.append(chord)
+    return Renewal(slips, np.stack(shares), np.array(chords))
 
 
 def _slid(
-    scene: Scene, seed: int, slip: float | None, pixels: int | None, report: Report
-) -> _Pair:
-    lower = make_surface(scene.surface, seed)
-    flat = not scene.is_random
-    if not (flat or lower.periodic):
-        raise InputError(
-            f"{scene.name}: the surface is random and does not repeat, so that none can slide over another; give a "
-            "periodic one"
-        )
-    upper = None if flat else make_surface(scene.surface, seed + APART)
-
-    def pressed(step: int, start: ContactSolution | None) -> ContactSolution:
-        surface = lower
-        if upper is not None:
-            both = lower.heights + np.roll(upper.heights, step, axis=0)
-            surface = Surface(
-                heights=both / math.sqrt(2),
-                pixel_size=lower.pixel_size,
-                periodic=lower.periodic,
+    scene: Scene, seed: int, slip: float | None, report: Report | None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Slips, shares of sites that stayed, and the mean chord of a patch, of one pair of surfaces."""
+    lower, upper = make_surface(scene.surface, seed), None
+    if scene.is_random:
+        upper = make_surface(scene.surface, seed + APART)
+        if not lower.periodic:
+            raise InputError(
+                f"{scene.name}: the surface is random and does not repeat, so that none can slide over another; give a "
+                "periodic one"
             )
-        if start is None:
-            return contact_of(scene, surface)
-        return solve_contact(scene.solver, surface, start.load, start=start)
 
-    contact = pressed(0, None)
+    def both(step: int) -> Surface:
+        if upper is None:
+            return lower
+        heights = lower.heights + np.roll(upper.heights, step, axis=0)
+        return Surface(heights=heights / math.sqrt(2), pixel_size=lower.pixel_size)
+
+    contact = contact_of(scene, both(0))
     if not isinstance(contact, ContactSolution) or not contact.sites.size:
         raise InputError(
             f"{scene.name}: no pixel is in contact; nothing can be renewed"
         )
     chord = 4 / contact.perimeter_to_area  # C follows the edges of pixels
-    pixel = contact.pixel_size
-    half = lower.heights.shape[0] // 2
-    if pixels is None:
-        pixels = round((slip or min(CHORDS * chord, half * pixel)) / pixel)
-    if not 1 <= pixels <= half:
+    pixel, half = contact.pixel_size, lower.heights.shape[0] // 2
+    steps = round((slip or min(CHORDS * chord, half * pixel)) / pixel)
+    if not 1 <= steps <= half:
         raise InputError(
             f"slip = {slip:g} nm: give one from a pixel of {pixel:g} nm to half the side, {half * pixel:g} nm"
         )
-    # in the frames of both bodies; of a surface that slides on a flat one, in that of the flat one
-    frames = [_Frame(contact.contact, pixels) for _ in range(1 if flat else 2)]
-    for step in range(1, pixels + 1):
-        report(step, pixels)
-        if flat:
+    # steps since a site came into contact, in the frames of both bodies; of a surface that slides on a flat one, in that
+    # of the flat one
+    frames = 1 if upper is None else 2
+    ages = np.full((frames, *lower.heights.shape), -1, dtype=np.int32)
+    # sites in contact at all steps at which it is known whether they came so long before, and those that did
+    seen, stayed = np.zeros((2, frames, steps + 1), dtype=np.int64)
+    for step in range(steps + 1):
+        if upper is None:
             now = [np.roll(contact.contact, step, axis=0)]
         else:
-            contact = pressed(step, contact)
+            if step:
+                contact = solve_contact(
+                    scene.solver, both(step), contact.load, start=contact
+                )
             now = [contact.contact, np.roll(contact.contact, -step, axis=0)]
-        for frame, there in zip(frames, now, strict=True):
-            frame.move(there)
-    unrenewed = np.mean([frame.unrenewed for frame in frames], axis=0)
-    overlap = np.mean([frame.overlap for frame in frames], axis=0)
-    return _Pair(unrenewed, overlap, chord, pixel)
+        ages = np.where(now, ages + 1, -1)
+        for k, age in enumerate(ages):
+            counts = np.bincount(age[age >= 0], minlength=steps + 1)
+            stayed[k] += counts[::-1].cumsum()[::-1]
+            seen[k, : step + 1] += counts.sum()
+        if report is not None:
+            report(step, steps)
+    return pixel * np.arange(steps + 1), (stayed / seen).mean(axis=0), chord
 
 
-class _Frame:
-    """Sites of one body, and for how many steps they have been in contact."""
+@displays(Renewal)
+class RenewalDisplay(Result):
+    """How fast slip renews a contact, or those of a sweep, as users see it."""
 
-    def __init__(self, contact: np.ndarray, steps: int) -> None:
-        self.first, self.step = contact, 0
-        #: -1: not in contact
-        self.age = contact.astype(np.int32) - 1
-        self.overlap = np.ones(steps + 1)
-        #: sites in contact at all steps at which it is known whether they came so long before, and those that did
-        self.seen, self.stayed = np.zeros((2, steps + 1), dtype=np.int64)
-        self._count()
+    errors = "95 % intervals over pairs of surfaces (Student's t)"
+
+    def __init__(self, *renewals: Renewal) -> None:
+        self.renewals = renewals
 
     @property
-    def unrenewed(self) -> np.ndarray:
-        return self.stayed / self.seen
+    def name(self) -> str:
+        return "Renewal by slip"
 
-    def move(self, contact: np.ndarray) -> None:
-        self.step += 1
-        self.age = np.where(contact, self.age + 1, -1)
-        both = np.count_nonzero(contact & self.first)
-        self.overlap[self.step] = both / np.count_nonzero(self.first)
-        self._count()
+    def quantities(self) -> list[Quantity]:
+        return [one for part in self.renewals for one in part.quantities()]
 
-    def _count(self) -> None:
-        ages = np.bincount(self.age[self.age >= 0], minlength=self.step + 1)
-        self.stayed[: self.step + 1] += ages[::-1].cumsum()[::-1]
-        self.seen[: self.step + 1] += ages.sum()
+    def notes(self) -> list[str]:
+        left = max(one.unrenewed[:, -1].mean() for one in self.renewals)
+        words = f"{text.percent(left)} of the sites stay longer than this slip: give a larger one"
+        return [words] if left >= LEFT else []
+
+    def pictures(self) -> dict[str, Picture]:
+        """The share of sites that stayed, against slip."""
+        return {"renewal": Picture([Panel(self.plotted)])}
+
+    def plotted(self, axes: Axes, medium: Any = None) -> None:
+        """Draw the means over pairs of surfaces."""
+        for one in self.renewals:
+            axes.plot(one.slips, one.unrenewed.mean(axis=0), label=one.of)
+        axes.set(
+            xlabel="slip (nm)", ylabel="share of the sites that stayed in contact"
+        )
+        figures.legend(axes)

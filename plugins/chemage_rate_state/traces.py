@@ -36,14 +36,15 @@ class Trace:
     stiffness: float | None = None
 
     def __post_init__(self) -> None:
-        _rising(self.name, self.times)
-        if not np.isfinite(self.friction).all():
-            raise InputError(f"{self.name}: friction: not all are finite numbers")
-        speeds = self.loading.speeds
-        if speeds.size < 2 or speeds[0] <= 0:
+        _rising(self.times)
+        begins, speeds = self.loading
+        ends = [self.times[0], *begins[1:], self.times[-1]]
+        fits = begins.size == speeds.size > 1 and (np.diff(ends) > 0).all()
+        if not fits or speeds[0] <= 0:
             raise InputError(
-                f"{self.name}: the speed of the load point must change, from one above 0: {speeds.tolist()} µm/s; where it "
-                'does, say how: --speeds "1 um/s, 10 um/s"'
+                f"{self.name}: speeds {speeds.tolist()} µm/s, changed at {ends[1:-1]} s: the speed of the load point must "
+                f"change, from one above 0, at times that rise from {ends[0]:g} to {ends[-1]:g} s; where it does, say how: "
+                '--speeds "1 um/s, 10 um/s" --changes "50 s"'
             )
 
     @property
@@ -52,64 +53,39 @@ class Trace:
         return self.loading.displacement(self.times)
 
 
-def _rising(name: str, times: np.ndarray) -> None:
-    if times.size < 20:
-        raise InputError(f"{name}: {times.size} points; 20 are needed")
-    falls = ~(np.diff(times) > 0)
-    if falls.any():
-        at = int(np.argmax(falls))
+def _rising(times: np.ndarray) -> None:
+    falls = np.flatnonzero(np.diff(times) <= 0)
+    if times.size < 20 or falls.size:
         raise InputError(
-            f"{name}: times: must rise; point {at + 2} is at {times[at + 1]:g} s after {times[at]:g} s"
+            f"times: give 20 or more that rise; of these {times.size} points {(falls[:3] + 2).tolist()} do not"
         )
 
 
-def loading_of(
-    times: np.ndarray,
-    displacement: np.ndarray,
-    speeds: Sequence[float] | None = None,
-    changes: Sequence[float] | None = None,
-) -> Loading:
+def loading_of(times: np.ndarray, displacement: np.ndarray) -> Loading:
     """The constant speeds of a ``displacement`` (m,) of the load point, µm, at ``times`` (m,), s: straight lines that meet.
-
-    ``speeds``, µm/s, and ``changes``, s, are given where they are known.
 
     Raises
     ------
     InputError
-        The load point moves back, or speeds and changes do not fit.
+        The times do not rise, or the load point moves back.
     """
-    passed, end = times - times[0], times[-1] - times[0]
-    given = None if speeds is None else np.array(speeds, dtype=float)
-    if changes is None:
-        kept, ends = _segments(passed, displacement, given)
-        # first through the points of which is known where they belong
-        for points in (kept, slice(None), slice(None)):
-            found, heights = _lines(
-                passed[points], displacement[points], ends, given
-            )
-            largest = np.maximum(found[1:], found[:-1])
-            differ = (np.abs(np.diff(found)) > CHANGED * largest) | (
-                given is not None
-            )
-            with np.errstate(divide="ignore", invalid="ignore"):
-                meet = -np.diff(heights) / np.diff(found)
-            ends = np.concatenate([[0.0], meet[differ], [end]])
-    else:
-        ends = np.concatenate(
-            [[0.0], np.array(changes, dtype=float) - times[0], [end]]
+    _rising(times)
+    passed = times - times[0]
+    points, ends = _segments(passed, displacement)
+    # first through the points of which is known where they belong
+    for kept in (points, slice(None), slice(None)):
+        speeds, heights = _lines(passed[kept], displacement[kept], ends)
+        differ = np.abs(np.diff(speeds)) > CHANGED * np.maximum(
+            speeds[1:], speeds[:-1]
         )
-    parts = ends.size - 1
-    if not (np.diff(ends) > 0).all() or (given is not None and given.size != parts):
-        raise InputError(
-            f"changes: {(ends[1:-1] + times[0]).tolist()} s: they must rise from {times[0]:g} to {times[-1]:g} s, one less "
-            'than the speeds; give both: --speeds "1 um/s, 10 um/s" --changes "50 s"'
-        )
-    found, _ = _lines(passed, displacement, ends, given)
-    return Loading(times[0] + ends[:-1], found)
+        meet = -np.diff(heights)[differ] / np.diff(speeds)[differ]
+        ends = np.concatenate([[0.0], meet, passed[-1:]])
+    speeds, _ = _lines(passed, displacement, ends)
+    return Loading(times[0] + ends[:-1], speeds)
 
 
 def _lines(
-    times: np.ndarray, way: np.ndarray, ends: np.ndarray, given: np.ndarray | None
+    times: np.ndarray, way: np.ndarray, ends: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Speed, and height at time 0, of the line between each two ``ends``; slow ones rest."""
     lines = []
@@ -117,33 +93,26 @@ def _lines(
         inside = (times >= low) & (times <= high)
         if np.count_nonzero(inside) < 2:
             raise InputError(
-                f"displacement: fewer than 2 points between {low:g} and {high:g} s after the first; give --changes"
+                f"displacement: fewer than 2 points between {low:g} and {high:g} s after the first; give --speeds and "
+                "--changes"
             )
-        own, at = (
-            way[inside] - way[inside].mean(),
-            times[inside] - times[inside].mean(),
-        )
-        speed = at @ own / (at @ at)
-        doubt = 3 * (own - speed * at).std() / np.sqrt(at @ at)
-        lines.append((speed, doubt, times[inside].mean(), way[inside].mean()))
-    found, doubts, at, own = np.transpose(lines)
-    if given is not None:
-        found = given
-    elif (found < -CHANGED * found.max()).any():
+        t, x = times[inside], way[inside]
+        middle, height = t.mean(), x.mean()
+        t, x = t - middle, x - height
+        speed, width = t @ x / (t @ t), np.sqrt(t @ t)
+        lines.append((speed, 3 * (x - speed * t).std() / width, middle, height))
+    speeds, doubts, middles, heights = np.transpose(lines)
+    if (speeds < -CHANGED * speeds.max()).any():
         raise InputError(
             "displacement: the load point moves back; give its displacement in the direction of slip"
         )
-    else:
-        found[found < np.maximum(doubts, RESTS * found.max())] = 0.0
-    return found, own - found * at
+    speeds[speeds < np.maximum(doubts, RESTS * speeds.max())] = 0.0
+    return speeds, heights - speeds * middles
 
 
-def _segments(
-    times: np.ndarray, way: np.ndarray, given: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _segments(times: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Some points, and ends of the straight parts that explain ``way`` best, by dynamic programming (Jackson
-    et al., IEEE Signal Process. Lett. 12, 105 (2005)); their number has the least BIC, with a larger price, or is that of
-    the given speeds."""
+    et al., IEEE Signal Process. Lett. 12, 105 (2005)); their number has the least BIC, with a larger price."""
     span = np.ptp(way) or 1.0
     # as many points for each time as for each displacement
     even = times / times[-1] + np.maximum.accumulate(way - way[0]) / span
@@ -153,8 +122,7 @@ def _segments(
     size = t.size
     sums = np.zeros((6, size + 1))
     np.cumsum([np.ones(size), t, x, t * t, t * x, x * x], axis=1, out=sums[:, 1:])
-    most = MOST if given is None else given.size
-    best = np.full((most + 1, size + 1), np.inf)
+    best = np.full((MOST + 1, size + 1), np.inf)
     best[0, 0] = 0.0
     origin = np.zeros(best.shape, dtype=int)
     for j in range(FEWEST, size + 1):
@@ -166,14 +134,13 @@ def _segments(
         best[1:, j] = total.min(axis=1)
     squares = np.log(best[1:, -1] / size + EXACT**2)
     price = BETTER * np.log(size) / size
-    if given is None:
-        most = 1 + int(np.argmin(squares + price * np.arange(most)))
-    ends, j = [size], size
-    for k in range(most, 0, -1):
-        j = int(origin[k, j])
-        ends.append(j)
-    inner = np.array(ends[-2:0:-1], dtype=int)
-    middle = (t[inner] + t[inner - 1]) / 2
+    parts = 1 + int(np.argmin(squares + price * np.arange(MOST)))
+    inner, j = [], size
+    for k in range(parts, 1, -1):
+        j = origin[k, j]
+        inner.insert(0, j)
+    first = np.array(inner, dtype=int)
+    middle = (t[first] + t[first - 1]) / 2
     return kept, times[-1] * np.concatenate([[0.0], middle, [1.0]])
 
 
@@ -187,11 +154,12 @@ STEADY = 0.25
 def read_trace(
     source: Any,
     stiffness: float | None = None,
-    speeds: Sequence[float] | None = None,
-    changes: Sequence[float] | None = None,
+    speeds: Sequence[float] = (),
+    changes: Sequence[float] = (),
 ) -> Trace:
     """The trace in a table with columns of time, displacement of the load point and friction coefficient, with units in
-    their headings. ``stiffness``, 1/µm, ``speeds``, µm/s, and ``changes``, s, are given where they are known.
+    their headings. ``stiffness``, 1/µm, ``speeds``, µm/s, and when they change, ``changes``, s, are given where they are
+    known.
 
     Raises
     ------
@@ -199,9 +167,8 @@ def read_trace(
         A column is missing, a cell holds no number, or no speed changes.
     """
     table = read_columns(source, COLUMNS, EXAMPLE)
-    units = {"hold_time": "s", "displacement": "um", COLUMNS[2]: ""}
-    if COLUMNS[3] in table.columns:
-        units[COLUMNS[3]] = units.pop(COLUMNS[2])
+    friction = COLUMNS[3] if COLUMNS[3] in table.columns else COLUMNS[2]
+    units = {"hold_time": "s", "displacement": "um", friction: ""}
     for name in units:
         if name not in table.columns:
             raise InputError(
@@ -211,10 +178,13 @@ def read_trace(
         np.array([table.number(row, name, unit) for row in table.rows])
         for name, unit in units.items()
     )
-    name = source if isinstance(source, str) else getattr(source, "name", "trace")
-    _rising(str(name), times)
-    loading = loading_of(times, way, speeds, changes)
-    return Trace(str(name), times, values, loading, stiffness)
+    if len(speeds) or len(changes):
+        begins = np.append(times[0], changes)
+        loading = Loading(begins, np.array(speeds, dtype=float))
+    else:
+        loading = loading_of(times, way)
+    name = str(getattr(source, "name", source))
+    return Trace(name, times, values, loading, stiffness)
 
 
 def trace_of(run: Any, stiffness: float | None = None) -> Trace:
@@ -226,26 +196,24 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
         ``run`` has no slider, conditions change beside its speed, or in a ramp, its first slide does not become steady,
         or too few bonds form.
     """
-    seen = getattr(run.ageing, "observables", {})
-    if "step_speed" not in seen:
+    seen = getattr(run.aging, "observables", {})
+    if "step_speed" not in seen or not seen["step_speed"].any():
         raise InputError(
             f"{run.name}: no programme of slides; give [protocol] or [[step]] with speeds"
         )
-    speeds, points, loads = (
-        seen[name][0] for name in ("step_speed", "step_points", "step_load")
-    )
-    for name, values in (("load", loads), ("temperature", seen["temperature"][0])):
-        if np.ptp(values) > 0:
-            raise InputError(
-                f"{run.name}: the {name} changes; friction laws have one {name}"
-            )
+    names = "step_speed", "step_points", "step_load", "temperature"
+    speeds, points, loads, kelvins = (seen[name][0] for name in names)
+    changes = {"load": np.ptp(loads), "temperature": np.ptp(kelvins)}
     for number, step in enumerate(run.scene.get("step", ())):
-        for name in ("speed", "load", "spring"):
-            if isinstance(step.get(name), Mapping) or name == "spring" in step:
-                raise InputError(
-                    f"{run.name}: step.{number}.{name}: a trace has constant speeds and one spring, that of [drive]; "
-                    "write ramps as steps"
-                )
+        for name, value in step.items():
+            changes[f"step.{number}.{name}"] = name == "spring" or isinstance(
+                value, Mapping
+            )
+    if wrong := [name for name, change in changes.items() if change]:
+        raise InputError(
+            f"{run.name}: {', '.join(wrong)}: a trace has one load, one temperature, constant speeds, and the spring of "
+            "[drive]; write ramps as steps"
+        )
     steady = [
         one.quantity()
         for name, one in run.measured.items()
@@ -257,19 +225,20 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
                 f"{run.name}: {one.label} {one.reason}: no a, b, D_c is taken from it; slide further, or give more "
                 "replicas"
             )
-    if not speeds.any():
-        raise InputError(f"{run.name}: no step has a speed")
-    first, times = int(np.argmax(speeds > 0)), run.ageing.hold_times
-    number = np.repeat(np.arange(points.size), points)
-    starts = times[np.unique(number, return_index=True)[1]]
-    end = times[number == first][-1]
+    first, times = int(np.argmax(speeds > 0)), run.aging.hold_times
+    ends = points.cumsum()
+    starts, end = times[ends - points], times[ends[first] - 1]
     # the first point of a step is the last of the one before
-    kept = (times >= end - STEADY * (end - starts[first])) & (number >= first)
-    kept &= np.append(True, np.diff(times) > 0)
+    kept = times >= end - STEADY * (end - starts[first])
+    kept &= np.diff(times, prepend=-1.0) > 0
     begins = np.append(times[kept][0], starts[first + 1 :])
-    loading = Loading(begins, 1e-3 * speeds[first:])
     spring = run.scene.get("drive", {}).get("spring")
-    friction = run.ageing.friction_drop.mean(axis=0)[kept] / loads[0]
     if stiffness is None and isinstance(spring, int | float):
         stiffness = 1e3 * float(spring) / loads[0]
-    return Trace(run.name, times[kept], friction, loading, stiffness)
+    return Trace(
+        run.name,
+        times[kept],
+        run.aging.friction_drop.mean(axis=0)[kept] / loads[0],
+        Loading(begins, 1e-3 * speeds[first:]),
+        stiffness,
+    )

@@ -242,8 +242,7 @@ def coverage(cases: int, seed: int, first: int) -> None:
 
 def rivals(cases: int, seed: int) -> None:
     """How often the other law fits worse, is refused, and is told from the right one by the difference that is asked."""
-    from chemage_rate_state.display import TOLD
-    from chemage_rate_state.fit import fit_rate_state
+    from chemage_rate_state.fit import TOLD, fit_rate_state
     from chemage_rate_state.traces import read_trace
 
     better = refused = told = wrongly = 0

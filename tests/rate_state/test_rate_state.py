@@ -149,7 +149,7 @@ def test_a_trace_that_tells_nothing_is_refused():
     times = np.arange(50.0)
     with pytest.raises(InputError, match="must change"):
         Trace("t", times, times, Loading(np.zeros(1), np.ones(1)))
-    with pytest.raises(InputError, match=r"point 3 is at 1 s after 1 s"):
+    with pytest.raises(InputError, match=r"points \[3\] do not"):
         Trace("t", np.array([0, 1, 1, *range(2, 40)]), np.zeros(41), STEP)
     with pytest.raises(InputError, match="there are ageing, slip"):
         fit_rate_state(synthetic("slip")[0], "ruina")
@@ -200,7 +200,7 @@ def test_a_simulated_programme_is_a_trace():
     with pytest.raises(InputError, match=r"step\.1\.speed: .*write ramps as steps"):
         ca.trace_of(ca.run(scene | {"step": slides}))
     slides[1] = {"speed": "100 nm/s", "distance": "1 nm", "temperature": "310 K"}
-    with pytest.raises(InputError, match="the temperature changes"):
+    with pytest.raises(InputError, match=r"temperature: .*one temperature"):
         ca.trace_of(ca.run(scene | {"step": slides}))
     del scene["drive"]
     with pytest.raises(InputError, match="no programme of slides"):
@@ -226,13 +226,13 @@ def test_a_table_gives_the_speeds_and_the_parameters(command, tmp_path, programm
     found = json.loads(command("rate-state", str(path), "--law", case.law, "--json").out)
     assert found["speeds"] == pytest.approx(case.speeds, rel=0.01, abs=1e-3)
     assert found["changes"] == pytest.approx(case.changes, abs=0.5 * case.interval)
-    law = found["laws"][case.law]
     for name in ("a", "b", "slip_length", "stiffness"):
+        number = found[f"{case.law}_{name}"]
         # twice the half width of a 95 % interval: four standard errors
-        ratio = law[f"{name}_high"] / law[f"{name}_low"]
-        assert 1 / ratio < law[name] / getattr(case, name) < ratio
+        ratio = number["high"] / number["low"]
+        assert 1 / ratio < number["value"] / getattr(case, name) < ratio
         assert ratio < 2
-    assert law["explains"]
+    assert found[f"{case.law}_explains"]
 
 
 def test_speeds_of_a_hundred_noisy_slide_hold_slides_are_right():
@@ -250,27 +250,24 @@ def test_speeds_of_a_hundred_noisy_slide_hold_slides_are_right():
 def test_known_speeds_and_changes_are_used(command, tmp_path):
     case = replace(PROGRAMMES["1-3-1"], size=2e-4)
     path = str(table_of(case, tmp_path / "trace.csv"))
-    known = "--speeds", "1 um/s, 3 um/s, 0.001 mm/s"
+    speeds = "--speeds", "1 um/s, 3 um/s, 0.001 mm/s"
+    known = *speeds, "--changes", "61 s, 1.5 min"
     found = json.loads(command("rate-state", path, "--law", "ageing", *known, "--json").out)
     assert found["speeds"] == [1, 3, 1]
-    assert found["changes"] == pytest.approx([60, 90], abs=0.01)
-    found = json.loads(command("rate-state", path, "--law", "ageing", "--changes", "61 s, 1.5 min", "--json").out)
     assert found["changes"] == [61, 90]
-    assert found["speeds"] == pytest.approx([1, 3, 1], rel=0.05)
-    for wrong in (("--changes", "61 s, 1 s"), (*known, "--changes", "61 s"), ("--changes", "500 s")):
+    for wrong in (speeds, known[2:], (*speeds, "--changes", "61 s, 1 s"), (*speeds, "--changes", "61 s, 500 s")):
         done = command("rate-state", path, *wrong)
         assert done.status == 2
-        assert "they must rise from 0.1 to 150 s" in done.err
+        assert "at times that rise from 0.1 to 150 s" in done.err
 
 
 def test_a_minimum_that_is_nearly_as_good_is_named(command, tmp_path):
     """A stiff spring is told by few points."""
     case = Case("ageing", 0.004, 0.005, 5.0, 5e-3, (1, 1.5, 1), (40, 40, 40), 0.5, size=4e-4, seed=3)
     path = table_of(case, tmp_path / "trace.csv")
-    found = json.loads(command("rate-state", str(path), "--json").out)["laws"]
-    rivals = [one for law in found.values() for one in law["rivals"]]
-    assert rivals
-    assert all(0 <= one["misfit"] < 6 for one in rivals)
+    found = json.loads(command("rate-state", str(path), "--json").out)
+    assert found["rivals"]
+    assert all(0 <= one["misfit"] < 6 for one in found["rivals"])
     assert "fits nearly as well" in command("rate-state", str(path)).out
 
 
@@ -281,7 +278,8 @@ def test_a_law_that_cannot_be_fitted_leaves_the_other(command, tmp_path, monkeyp
     starts = fit._Misfit.starts
     monkeypatch.setattr(fit._Misfit, "starts", lambda self: [] if self.law == "slip" else starts(self))
     found = json.loads(command("rate-state", path, "--json").out)
-    assert set(found["laws"]) == {"ageing"}
+    assert "slip_a" not in found
+    assert found["ageing_a"]["value"] > 0
     assert "unstable from every start" in found["not_fitted"]["slip"]
     assert "not fitted: the slip law is unstable" in command("rate-state", path).out
     done = command("rate-state", path, "--law", "slip")
@@ -297,8 +295,8 @@ def test_the_command_prints_both_laws(tmp_path, command):
         "time (s),displacement (um),friction_coefficient\n" + "\n".join(",".join(map(str, row)) for row in rows)
     )
     found = json.loads(command("rate-state", str(path), "--json").out)
-    assert set(found["laws"]) == {*LAWS}
-    assert found["laws"]["slip"]["slip_length"]["value"] == pytest.approx(LENGTH, rel=0.1)
+    assert {f"{law}_a" for law in LAWS} <= set(found)
+    assert found["slip_slip_length"]["value"] == pytest.approx(LENGTH, rel=0.1)
     text = command("rate-state", str(path), "--law", "slip", "--stiffness", "0.005 um**-1").out
     assert "explains the trace" in text
     assert "(given)" in text
