@@ -57,13 +57,9 @@ def rate_state(
     """
     import chemage as ca
     from chemage.plugin import convert
-    from chemage_rate_state.display import RateStateDisplay
-    from chemage_rate_state.laws import LAWS
+    from chemage_rate_state.fit import LAWS, RateStateFits
     from chemage_rate_state.traces import read_trace, trace_of
 
-    laws = [one for one in LAWS if law in (one, "both")]
-    if not laws:
-        raise options.user_error(f"--law {law}: choose ageing, slip or both")
     output.check_figure(out, force)
     given = None if stiffness is None else convert(stiffness, "1/um")
     known = [
@@ -78,7 +74,7 @@ def rate_state(
         )
     else:
         trace = trace_of(ca.read(file), given)
-    result = RateStateDisplay(trace, laws)
+    result = RateStateFits(trace, LAWS if law == "both" else (law,))
     output.deliver(result, out, as_json, as_csv, force)
 
 

@@ -1,4 +1,5 @@
-"""Parameters of a rate-and-state law from a trace: least squares with correlated noise, and whether the law explains it."""
+"""Parameters of a rate-and-state law from a trace: least squares with correlated noise, whether the law explains it, and
+how this is shown."""
 
 from __future__ import annotations
 
@@ -10,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from chemage import InputError
-from chemage.plugin import Quantity, Rank, statistics
+from chemage.plugin import (
+    Panel,
+    Picture,
+    Quantity,
+    Rank,
+    Result,
+    figures,
+    statistics,
+)
 from chemage_rate_state.laws import LAWS, Law, Parameters, change
 from chemage_rate_state.traces import Trace
 
@@ -292,3 +301,89 @@ def _whitened(values: np.ndarray, memory: Sequence[float]) -> np.ndarray:
         values = fftconvolve(values, past, axes=0)[:size]
     white: Any = lfilter([1.0, -ar], [1.0, ma], values, axis=0)
     return white[size // 50 + 1 :]
+
+
+class RateStateFits(Result):
+    """Laws fitted to one trace as users see them, and why others could not be."""
+
+    errors = "95 % intervals, with the correlation of the noise"
+
+    def __init__(self, trace: Trace, laws: Iterable[Any] = LAWS) -> None:
+        self.trace, self.fits = trace, []
+        self.failed: dict[str, str] = {}
+        for law in laws:
+            try:
+                self.fits.append(fit_rate_state(trace, law))
+            except InputError as error:
+                self.failed[f"{law} law"] = f"not fitted: {error}"
+        if not self.fits:
+            raise InputError("; ".join(self.failed.values()))
+        self.fits.sort(key=lambda one: one.misfit)
+
+    @property
+    def name(self) -> str:
+        return self.trace.name
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Whether laws explain the trace, which other minima fit nearly as well, and whether laws are told apart."""
+        loading = zip(*self.trace.loading, strict=True)
+        speeds = (f"{speed:.4g} µm/s from {time:.6g} s" for time, speed in loading)
+        rows = [
+            ("speeds of the load point", ", ".join(speeds)),
+            *self.failed.items(),
+        ]
+        for fit in self.fits:
+            law, more = f"{fit.law} law", fit.misfit - self.fits[0].misfit
+            rows.append((law, fit.words()))
+            if more:
+                told = (
+                    "fits worse" if more >= TOLD else "is not told from the other"
+                )
+                rows.append(
+                    (f"{law} beside the other", f"{told}: misfit {more:.1f} larger")
+                )
+            for (a, b, length, _), more in fit.rivals:
+                other = f"a {a:.3g}, b {b:.3g}, D_c {length:.3g} µm"
+                rows.append(
+                    (f"{law} fits nearly as well, misfit {more:.1f} larger", other)
+                )
+        return rows
+
+    def quantities(self) -> list[Quantity]:
+        return [
+            one.but(
+                name=f"{fit.law}_{one.name}", label=f"{fit.law} law: {one.label}"
+            )
+            for fit in self.fits
+            for one in fit.quantities()
+        ]
+
+    def numbers(self) -> dict[str, Any]:
+        times, speeds = self.trace.loading
+        found = {"speeds": speeds.tolist(), "changes": times[1:].tolist()}
+        explain = {f"{fit.law}_explains": fit.explains for fit in self.fits}
+        return super().numbers() | found | explain
+
+    def columns(self) -> dict[str, Any]:
+        return {
+            "time (s)": self.trace.times,
+            "displacement (um)": self.trace.way,
+            "friction_coefficient": self.trace.friction,
+            **{f"{fit.law}_law": fit.fitted for fit in self.fits},
+        }
+
+    def pictures(self) -> dict[str, Picture]:
+        """Friction against the displacement of the load point, with the laws."""
+        return {"fits": Picture([Panel(self.plotted)])}
+
+    def plotted(self, axes: Any, medium: Any = None) -> None:
+        """Draw the trace and the laws."""
+        trace = self.trace
+        axes.plot(trace.way, trace.friction, ".", color="0.7", label="trace")
+        for fit in self.fits:
+            axes.plot(trace.way, fit.fitted, label=f"{fit.law} law")
+        axes.set(
+            xlabel="displacement of the load point (µm)",
+            ylabel="friction coefficient",
+        )
+        figures.legend(axes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +29,6 @@ from chemage.plugin import (
     figures,
     text,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SLIP_LENGTH = Quantity(
     "slip_length",
@@ -193,7 +190,7 @@ class RenewalDisplay(Result):
         """The share of sites that stayed, against slip."""
         return {"renewal": Picture([Panel(self.plotted)])}
 
-    def plotted(self, axes: Axes, medium: Any = None) -> None:
+    def plotted(self, axes: Any, medium: Any = None) -> None:
         """Draw the means over pairs of surfaces."""
         for one in self.renewals:
             axes.plot(one.slips, one.unrenewed.mean(axis=0), label=one.of)

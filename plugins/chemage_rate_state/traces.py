@@ -120,8 +120,8 @@ def _segments(times: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarra
     kept = np.unique(np.minimum(np.searchsorted(even, sought), times.size - 1))
     t, x = times[kept] / times[-1], (way[kept] - way[0]) / span
     size = t.size
-    sums = np.zeros((6, size + 1))
-    np.cumsum([np.ones(size), t, x, t * t, t * x, x * x], axis=1, out=sums[:, 1:])
+    sums = np.array([np.ones(size), t, x, t * t, t * x, x * x]).cumsum(axis=1)
+    sums = np.insert(sums, 0, 0.0, axis=1)
     best = np.full((MOST + 1, size + 1), np.inf)
     best[0, 0] = 0.0
     origin = np.zeros(best.shape, dtype=int)
