@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -115,5 +114,5 @@ def slip_length(
         for varied, one in scenes_of(scene, options.changed_fields(changes)):
             point = ", ".join(f"{path} = {value}" for path, value in varied.items())
             part = measured(one, surfaces, length, partial(report, "sliding"))
-            found.append(replace(part, of=point and f" at {point}"))
+            found.append(part._replace(of=point and f" at {point}"))
     output.deliver(RenewalDisplay(*found), out, as_json, as_csv, force)

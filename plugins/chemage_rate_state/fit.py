@@ -144,7 +144,11 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
     model = change(law, parameters, trace.loading, trace.times)
     drifts = _drifts(trace)
     shift = np.linalg.lstsq(drifts, trace.friction - model, rcond=None)[0]
-    far = [(misfit.parameters(one.x), _size(one) - _size(best)) for one in others]
+    rivals = [
+        (misfit.parameters(one.x), more)
+        for one in others
+        if (more := _size(one) - _size(best)) < TOLD
+    ]
     return RateStateFit(
         trace,
         law,
@@ -154,7 +158,7 @@ def fit_rate_state(trace: Trace, law: Law = "ageing") -> RateStateFit:
         freedom,
         _size(best),
         misfit.probability(best),
-        [one for one in far if one[1] < TOLD],
+        rivals,
     )
 
 
@@ -184,7 +188,8 @@ class _Misfit:
     def __init__(self, law: Law, trace: Trace, points: int) -> None:
         kept = slice(None, None, -(-trace.times.size // points))
         self.law: Law = law
-        self.given, self.loading = trace.stiffness, trace.loading
+        self.loading = trace.loading
+        self.given = [] if trace.stiffness is None else [trace.stiffness]
         self.times, self.friction = trace.times[kept], trace.friction[kept]
         self.drifts = _drifts(trace)[kept]
         self.whiten(WHITE)
@@ -196,7 +201,7 @@ class _Misfit:
 
     def parameters(self, logs: np.ndarray) -> Parameters:
         free = np.exp(np.clip(logs, -50, 50)).tolist()
-        return Parameters(*free, *([] if self.given is None else [self.given]))
+        return Parameters(*free, *self.given)
 
     def model(self, one: Parameters) -> np.ndarray:
         """(m,) change of friction."""
@@ -229,14 +234,14 @@ class _Misfit:
                 shape = self.model(one)
                 if not np.isfinite(shape[-1]):
                     continue
-                if self.given is None:
+                if self.given:
+                    size = self.given[0] * length / pull
+                else:
                     columns = np.column_stack([self.drifts, shape])
                     solved = np.linalg.lstsq(columns, self.friction, rcond=None)[0]
                     size = max(solved[-1], 1e-4)
-                else:
-                    size = self.given * length / pull
                 logs = np.log([size, size * ratio, length, size * pull / length])
-                tried.append(logs[: 4 if self.given is None else 3])
+                tried.append(logs[: 4 - len(self.given)])
             if tried:
                 found.append(
                     min(tried, key=lambda one: np.sum(self.left(one) ** 2))
@@ -258,9 +263,9 @@ class _Misfit:
         """Of the noise, where its restricted likelihood is largest; of white noise."""
         from scipy.optimize import minimize
 
-        begin = self.times.size - end.fun.size
+        last = slice(-end.fun.size, None)
         every = np.column_stack(
-            [self.drifts[begin:], end.jac, self.parts()[begin:], end.fun]
+            [self.drifts[last], end.jac, self.parts()[last], end.fun]
         )
         every /= np.abs(every).max(axis=0)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +38,6 @@ SLIP_LENGTH = Quantity(
     Rank.FIRST,
 )
 CHORD = Quantity("mean_chord", "nm", "mean chord of a patch", "4A/C")
-SLIP = Quantity("slip", "nm", "slip of the surfaces")
 #: slip over the mean chord of a patch, unless it is given; seeds between the two surfaces
 CHORDS, APART = 6.0, 1_000_003
 #: share of sites that a slip did not renew from which it is said to be short
@@ -47,8 +45,7 @@ LEFT = 0.1
 Report = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, eq=False)
-class Renewal:
+class Renewal(NamedTuple):
     """What stays in contact while surfaces slide."""
 
     #: (m,) nm
@@ -67,7 +64,6 @@ class Renewal:
         means = (
             SLIP_LENGTH.of_replicas(lengths),
             CHORD.of_replicas(self.mean_chords),
-            SLIP.but(value=self.slips[-1]),
         )
         return [one.but(name=one.name + self.of, of=self.of[1:]) for one in means]
 
@@ -76,7 +72,7 @@ def slip_length(
     scene: Any,
     surfaces: int = 3,
     slip: float | None = None,
-    report: Report | None = None,
+    report: Report = lambda step, steps: None,
 ) -> Renewal:
     """Slide two surfaces of ``scene`` over each other in steps of a pixel, under its load, each contact solved from the one
     before; a surface that is not random slides on a flat one, whose sites are followed.
@@ -110,7 +106,7 @@ def slip_length(
 
 
 def _slid(
-    scene: Scene, seed: int, slip: float | None, report: Report | None
+    scene: Scene, seed: int, slip: float | None, report: Report
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Slips, shares of sites that stayed, and the mean chord of a patch, of one pair of surfaces."""
     lower, upper = make_surface(scene.surface, seed), None
@@ -160,8 +156,7 @@ def _slid(
             counts = np.bincount(age[age >= 0], minlength=steps + 1)
             stayed[k] += counts[::-1].cumsum()[::-1]
             seen[k, : step + 1] += counts.sum()
-        if report is not None:
-            report(step, steps)
+        report(step, steps)
     return pixel * np.arange(steps + 1), (stayed / seen).mean(axis=0), chord
 
 
