@@ -196,7 +196,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
         ``run`` has no slider, conditions change beside its speed, or in a ramp, its first slide does not become steady,
         or too few bonds form.
     """
-    seen = getattr(run.aging, "observables", {})
+    seen = getattr(run.ageing, "observables", {})
     if "step_speed" not in seen or not seen["step_speed"].any():
         raise InputError(
             f"{run.name}: no programme of slides; give [protocol] or [[step]] with speeds"
@@ -225,7 +225,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
                 f"{run.name}: {one.label} {one.reason}: no a, b, D_c is taken from it; slide further, or give more "
                 "replicas"
             )
-    first, times = int(np.argmax(speeds > 0)), run.aging.hold_times
+    first, times = int(np.argmax(speeds > 0)), run.ageing.hold_times
     ends = points.cumsum()
     starts, end = times[ends - points], times[ends[first] - 1]
     # the first point of a step is the last of the one before
@@ -238,7 +238,7 @@ def trace_of(run: Any, stiffness: float | None = None) -> Trace:
     return Trace(
         run.name,
         times[kept],
-        run.aging.friction_drop.mean(axis=0)[kept] / loads[0],
+        run.ageing.friction_drop.mean(axis=0)[kept] / loads[0],
         Loading(begins, 1e-3 * speeds[first:]),
         stiffness,
     )
