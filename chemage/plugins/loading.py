@@ -7,7 +7,8 @@ import os
 import sys
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from importlib import metadata
@@ -64,6 +65,22 @@ class PluginRecord:
     def spelled(self, kind: str) -> str:
         """How a scene names its ``kind``, with where it is from."""
         return f'"{self.owner}:{kind}" ({self.source})'
+
+    def brought(self, load: Callable[[str, str], Any]) -> Iterator[tuple[str, str]]:
+        """The names that it brings, options included, each with what it is; ``load`` gives the class of a role and
+        kind."""
+        by = f"plugin {self.name!r} ({self.source})"
+        for name in (self.name, self.distribution, self.module):
+            yield name, by
+        for role, kinds in self.kinds.items():
+            for kind in kinds:
+                what = f"{role} {kind!r} of {by}"
+                yield from ((name, what) for name in (role, kind))
+                with suppress(PluginError):
+                    for option in load(role, kind).model_fields:
+                        yield option, f"the option {option!r} of {what}"
+        for offered in self.offered.values():
+            yield from ((name, f"{name!r} of {by}") for name in offered)
 
     @property
     def source(self) -> str:

@@ -22,7 +22,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from functools import partial
 from importlib import metadata
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -716,18 +717,7 @@ class Registry:
         for record in self.records:
             if record.owner == OWN or record.error:
                 continue
-            by = f"plugin {record.name!r} ({record.source})"
-            for name in (record.name, record.distribution, record.module):
-                yield name, by
-            for role, kinds in record.kinds.items():
-                for kind in kinds:
-                    what = f"{role} {kind!r} of {by}"
-                    yield from ((name, what) for name in (role, kind))
-                    with suppress(PluginError):
-                        for option in self._import(role, kind, record).model_fields:
-                            yield option, f"the option {option!r} of {what}"
-            for offered in record.offered.values():
-                yield from ((name, f"{name!r} of {by}") for name in offered)
+            yield from record.brought(partial(self._import, record=record))
 
     def scenes(self) -> dict[str, str]:
         """Installed scenes: name -> ``"package:file"``."""

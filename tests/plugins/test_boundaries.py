@@ -605,7 +605,7 @@ SPOKEN = {
     "contact": (28, "a part of results, a phase of progress, an argument, the group of files"),
     "chemistry": (19, "an entry of the provenance that every file since 0.1 has, an argument"),
     "engine": (13, "an entry of that provenance and a row of summaries, an argument"),
-    "ageing": (15, "a phase of progress and of costs"),
+    "ageing": (26, "a phase of progress and of costs, a part of results, the group of files, an argument"),
     "hold": (10, "a table of options without a component: its values are changed by name"),
     "observe": (5, "an argument of age()"),
     "ensemble": (13, "a kind of result and its files"),
