@@ -356,17 +356,20 @@ def along_rows(fine: int, coarse: int, dtype: Any) -> kernels.Interpolation:
 def along_columns(fine: int, coarse: int, dtype: Any) -> kernels.Taps:
     """The same, as the kernels take it along columns."""
     place = np.arange(coarse) * fine
-    begin, centre = -(-place // coarse), (2 * place + coarse) // (2 * coarse)
+    begin = -(-place // coarse)
+    last = np.append(np.diff(begin) != kernels.RATIO, True)
+    last[-2:] = True
+    ends = np.flatnonzero(last) + 1
     along = np.arange(kernels.REACH + 1)[:, None] * coarse
     before, behind = (
-        np.maximum(1 - np.abs(centre * coarse - place + side) / fine, 0)
+        np.maximum(1 - np.abs(begin * coarse - place + side) / fine, 0)
         for side in (-along, along)
     )
     return kernels.Taps(
         np.dtype(dtype).type(coarse / fine),
         begin.astype(np.uint64),
         ((begin * coarse - place) / coarse).astype(dtype),
-        centre.astype(np.uint64),
+        np.repeat(ends, np.diff(ends, prepend=0)).astype(np.uint64),
         (0.5 * (before + behind)).astype(dtype),
         (0.5 * (behind - before)).astype(dtype),
     )

@@ -108,10 +108,11 @@ class Taps(NamedTuple):
     """(size,) the first fine pixel that is not before a coarse one"""
     shift: Array
     """(size,) how far behind it is, in fine pixels"""
-    centre: Array
-    """(size,) the nearest fine pixel"""
+    straight: Array
+    """(size,) end of the coarse pixels from each on that begin ``RATIO`` fine ones apart, or of the line's last but one:
+    with loops over such, indices are straight lines, as vector registers need them"""
     even: Array
-    """(REACH + 1, size) half the sum of the weights of the fine pixels so far before and behind the nearest one, and"""
+    """(REACH + 1, size) half the sum of the weights of the fine pixels so far before and behind that one, and"""
     odd: Array
     """(REACH + 1, size) half their difference"""
 
@@ -628,36 +629,42 @@ def restrict(lo, hi, blocks, x, rows, columns, coarse):
             continue
         column[:REACH] = column[ny : ny + REACH]
         column[ny + REACH :] = column[REACH : 2 * REACH]
-        for k in range(out.size):
-            at = columns.centre[k] + _U(REACH)
-            total = columns.even[0, k] * column[at]
-            for a in range(1, REACH + 1):
-                before, behind = column[at - _U(a)], column[at + _U(a)]
-                total += columns.even[a, k] * (before + behind)
-                total += columns.odd[a, k] * (behind - before)
-            out[k] = total
+        begin = _U(0)
+        while begin < _U(out.size):
+            end = columns.straight[begin]
+            offset = columns.begin[begin] + _U(REACH) - _U(RATIO) * begin
+            for k in range(begin, end):
+                at = offset + _U(RATIO) * k
+                total = columns.even[0, k] * column[at]
+                for a in range(1, REACH + 1):
+                    before, behind = column[at - _U(a)], column[at + _U(a)]
+                    total += columns.even[a, k] * (before + behind)
+                    total += columns.odd[a, k] * (behind - before)
+                out[k] = total
+            begin = end
 
 
 # ``local`` and its helpers take their indices as unsigned integers: a signed one might count from the end of an array,
 # and the test for that keeps a loop out of vector registers. They take whole arrays, because every slice that ``local``
-# would make of one costs an atomic reference count.
+# would make of one costs an atomic reference count, as does every tuple of arrays.
 
 
 @kernel(**_OPTIONS)
-def _interpolate(coarse, row, columns, first, last, start, fine, s, f):
-    """fine[s, f, REACH …] = a row of coarse interpolated between its pixels first … last, from column ``start`` on. Each
+def _interpolate(coarse, row, columns, first, last, start, fine, f):
+    """fine[f, REACH …] = a row of coarse interpolated between its pixels first … last, from column ``start`` on. Each
     writes ``RATIO`` columns; where there are fewer before the next one, that overwrites the rest."""
-    size = _U(coarse.shape[1])
-    for k in range(first, last):
-        value = coarse[row, k]
-        after = k + _U(1)
-        slope = (
-            coarse[row, after if after < size else _U(0)] - value
-        ) * columns.step
-        value += columns.shift[k] * slope
-        to = columns.begin[k] + _U(REACH) - start
-        for a in range(RATIO):
-            fine[s, f, to + _U(a)] = value + fine.dtype.type(a) * slope
+    while first < last:
+        end = min(columns.straight[first], last)
+        offset = columns.begin[first] + _U(REACH) - start - _U(RATIO) * first
+        after = _U(1) if end < _U(coarse.shape[1]) else _U(0) - first
+        for k in range(first, end):
+            value = coarse[row, k]
+            slope = (coarse[row, k + after] - value) * columns.step
+            value += columns.shift[k] * slope
+            for a in range(RATIO):
+                to = offset + _U(RATIO) * k + _U(a)
+                fine[f, to] = value + fine.dtype.type(a) * slope
+        first = end
 
 
 @kernel(**_OPTIONS)
@@ -697,12 +704,12 @@ def _stencil_columns(sums, weights, count):
 
 
 @kernel(**_OPTIONS)
-def _stencil_rows(sums, fine, s, lower, weight, x, out, row, first, count):
-    """out = the stencil along rows, from the lines of ``sums``, plus the two rows fine[s] interpolated from ``lower``
-    to the other one. Returns Σ x·out."""
+def _stencil_rows(sums, fine, lower, upper, weight, x, out, row, first, count):
+    """out = the stencil along rows, from the lines of ``sums``, plus the row that is interpolated from
+    fine[lower] to fine[upper]. Returns Σ x·out."""
     for j in range(count):
-        value = fine[s, lower, _U(REACH) + j]
-        value += weight * (fine[s, _U(1) - lower, _U(REACH) + j] - value)
+        value = fine[lower, _U(REACH) + j]
+        value += weight * (fine[upper, _U(REACH) + j] - value)
         out[row, first + j] = value + (
             sums[_U(4) + j]
             + (sums[_U(LINE + 3) + j] + sums[_U(LINE + 5) + j])
@@ -728,7 +735,7 @@ def local(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
     nx, ny = x.shape
     per_row = blocks.per_row
     sums = np.zeros((REACH + 1) * LINE, x.dtype)
-    fine = np.zeros((per_row, 2, blocks.width + 2 * REACH), x.dtype)
+    fine = np.zeros((per_row * 2, blocks.width + 2 * REACH), x.dtype)
     # coarse row that each line of ``fine`` was interpolated from: the odd and even ones take turns, block by block
     ready = np.full((per_row, 2), -1)
     for row in range(lo, hi):
@@ -741,14 +748,22 @@ def local(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
             _, start, stop = _block(blocks, b, ny)
             n = stop - start
             for needed in range(base, base + 2):
-                f = needed % 2
+                f = needed & 1
                 if ready[s, f] != needed:
                     ready[s, f] = needed
                     source = _U(needed % coarse.shape[0])
                     first = _U(start * coarse.shape[1] // ny)
                     last = _U((stop - 1) * coarse.shape[1] // ny + 1)
-                    fields = coarse, source, columns, first, last, _U(start), fine
-                    _interpolate(*fields, _U(s), _U(f))
+                    _interpolate(
+                        coarse,
+                        source,
+                        columns,
+                        first,
+                        last,
+                        _U(start),
+                        fine,
+                        _U(2 * s + f),
+                    )
             left = REACH if start > 0 else 0
             right = REACH if stop < ny else 0
             for a in range(REACH + 1):
@@ -781,5 +796,16 @@ def local(lo, hi, blocks, x, stencil, coarse, rows, columns, out, part):
                         _U(line + REACH + n),
                     )
             _stencil_columns(sums, stencil, _U(n + 2 * REACH))
-            fields = sums, fine, _U(s), _U(base % 2), rows.weight[row], x, out
-            part[b, 0] = _stencil_rows(*fields, _U(row), _U(start), _U(n))
+            lower = _U(2 * s + (base & 1))
+            part[b, 0] = _stencil_rows(
+                sums,
+                fine,
+                lower,
+                lower ^ _U(1),
+                rows.weight[row],
+                x,
+                out,
+                _U(row),
+                _U(start),
+                _U(n),
+            )
