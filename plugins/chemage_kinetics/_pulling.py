@@ -49,6 +49,7 @@ from chemage_kinetics._common import (
     neighbour,
     over_bound,
     past,
+    prefetch,
     progress,
     rate,
     until,
@@ -56,6 +57,7 @@ from chemage_kinetics._common import (
 from chemage_kinetics._rejection_free import (
     SiteRates,
     mark,
+    prefetch_leaf,
     refresh,
     select,
     sum_leaves,
@@ -68,6 +70,8 @@ PARTNER, PHASE = random.KINETICS + 5, random.KINETICS + 7
 CELLS, CELL_BITS = np.int64(4096), 12
 #: windows that are listed, and the furthest window ahead at whose end a bond may have its bound
 RING, FURTHEST = np.int64(256), np.int64(128)
+#: sites whose memory is fetched while others meet their partners: they lie too far apart for the processor to do so
+AHEAD = np.int64(16)
 #: a bond is selected with this probability at most before it has come as far ahead, where that is several windows
 RARE = 0.2
 NONE = np.int64(-1)
@@ -477,12 +481,18 @@ def _renew(i: Int, partner: Int, run: PullRun) -> None:
 def _meet(passed: Int, run: PullRun) -> None:
     """New partners for the free sites whose edges lie in the last ``passed`` cells, up to the present one."""
     partners, rates = run.partners, run.rates
-    blocks, tree = partners.blocks, rates.tree
+    blocks, tree, last = partners.blocks, rates.tree, run.words.size - 1
     for back in range(min(passed, CELLS)):
         cell = (run.counts[CELL] - back) & (CELLS - 1)
         partner = (run.counts[CELL] + (-cell & (CELLS - 1))) >> CELL_BITS
         count = np.int64(0)
         for at in range(partners.first[cell], partners.first[cell + 1]):
+            i = partners.order[min(at + AHEAD, last)]
+            prefetch(run.words, i)
+            prefetch(run.base, i)
+            prefetch(partners.pixels, i)
+            prefetch(partners.shift[0], i)
+            prefetch_leaf(tree, rates.starts[1], i)
             i = partners.order[at]
             if run.words[i] & 1 == 0:
                 _renew(i, partner, run)
