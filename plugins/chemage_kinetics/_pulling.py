@@ -471,9 +471,10 @@ def _breaking(i: Int, partner: Int, partners: Counterpart) -> Float:
 @inner
 def _renew(i: Int, partner: Int, run: PullRun) -> None:
     """Give the free site i the rate of this partner."""
-    new = fixed_barrier(_forming(i, partner, run.partners))
-    run.words[i] += 2 * (new - run.base[i])
-    run.base[i] = new
+    if run.partners.forming.size > 0:
+        new = fixed_barrier(_forming(i, partner, run.partners))
+        run.words[i] += 2 * (new - run.base[i])
+        run.base[i] = new
     run.rates.tree[i] = rate(run.words[i] >> 1, run.model)
 
 
