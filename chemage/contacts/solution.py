@@ -27,6 +27,7 @@ from chemage.foundation.records import (
     Record,
     SignedNumber,
     frozen,
+    read_only,
     require_finite,
 )
 from chemage.foundation.result import draw_result, notebook_html
@@ -489,7 +490,7 @@ class ContactSolution(PixelMap, Contact):
         """The errors of area, largest and rms pressure and displacement by name (``iteration``, ``pixel``, ``branch``):
         how far below and above the value the truth may be, each half of a 95 % interval; nan: not known. Below zero: the
         value on the grid is too large, or too small."""
-        return errors.errors(self)
+        return read_only(errors.errors(self))
 
     def quantities(self) -> list[Quantity]:
         """See :meth:`Contact.quantities`; with intervals, and further measures that have errors."""

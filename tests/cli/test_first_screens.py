@@ -169,7 +169,7 @@ def check_numbers(numbers, names):
         assert not isinstance(value, int | float) or isinstance(value, bool), f"{name} is a bare number"
         assert not FLAT.fullmatch(name), name
         if isinstance(value, dict) and "value" in value:
-            assert set(value) <= PARTS | {"level"}, name
+            assert set(value) <= PARTS | {"level", "reason"}, name
             assert isinstance(value["unit"], str), name
             assert value["unit"], name
 

@@ -45,7 +45,8 @@ def test_the_load_of_a_sphere_is_that_of_hertz_within_its_error(kind, radius, pr
     contact = solver(kind).solve(sphere(radius), f"{pressure} GPa over contact")
     load, sought = contact.quantity("load"), contact.provenance["sought"]
     assert load.low < of_hertz(pressure, radius) < load.high
-    assert load.high - load.low < 0.4 * load.value
+    # a load goes as the cube of the pressure, and the rim of a centred tip errs by eight pixels at once
+    assert load.high - load.low < (0.4 if kind == "hertz" else 0.75) * load.value
     assert set(load.errors) == {"search", "area"}
     assert reached(contact) <= sought["tolerance"] == max(1e-3, 8 / contact.sites.size)
     assert sought["reached"] == contact.mean_contact_pressure

@@ -112,8 +112,8 @@ def test_a_scene_that_is_no_plain_data_is_refused(tiny, tmp_path):
 
 
 def test_too_little_room_is_told_before_anything_is_written(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=60_000))
-    with pytest.raises(InputError, match=r"the 12 points and 4 contacts may need [\d.]+ kB, but .* has 60 kB left"):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: SimpleNamespace(free=66_000))
+    with pytest.raises(InputError, match=r"the 12 points and 4 contacts may need [\d.]+ kB, but .* has 66 kB left"):
         chemage.sweep(swept(tiny), tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert chemage.sweep(swept(tiny), tmp_path / "out", confirm=True).states() == ["done"] * 12

@@ -560,7 +560,7 @@ def test_what_a_pulling_engine_and_hooks_record_reaches_results_files_and_tables
     assert "stretching.Stretching" in run.plugins
     ca.write(tmp_path / "a.h5", run)
     assert ca.read(tmp_path / "a.h5").ageing == ageing
-    shown = command("show", tmp_path / "a.h5").out
+    shown = command("show", tmp_path / "a.h5", "--all").out
     assert "pulled (engine stretching (inner event-driven))" in shown
     assert "mean stretch of the bonds" in shown
 

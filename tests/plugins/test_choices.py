@@ -110,7 +110,7 @@ def named_everywhere(run, name, source, folder, command):
     with h5py.File(path) as file:
         assert json.loads(file["contact"].attrs["provenance"])["plugins"][name] == source
     assert chemage.read(path).plugins[name] == source
-    shown = command("show", path).out
+    shown = command("show", path, "--all").out
     assert [line.split() for line in shown.splitlines() if f"plugin {name}" in line] == [
         ["plugin", name, *source.split()]
     ]

@@ -225,7 +225,7 @@ def test_who_answers_is_named_with_the_hook(tmp_path, command):
     assert run.changes == {"guilty": [MAKE, OBSERVE]}
     ca.write(tmp_path / "run.h5", run)
     assert ca.read(tmp_path / "run.h5").changes == run.changes
-    assert f"changed by guilty {MAKE}, {OBSERVE}" in " ".join(command("show", tmp_path / "run.h5").out.split())
+    assert f"changed by guilty {MAKE}, {OBSERVE}" in " ".join(command("show", tmp_path / "run.h5", "--all").out.split())
 
 
 def test_a_replica_that_is_resumed_names_who_changed_it(tmp_path):

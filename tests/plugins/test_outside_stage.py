@@ -69,7 +69,8 @@ def test_it_is_in_keys_plan_table_and_sweep(command, tmp_path, monkeypatch):
     done = command("run", "silica-tip", "--no-figures", "--set", "creep.time='1 h'", "-o", "crept.h5")
     assert done.status == 0, done.err
     assert "creep" in done.out
-    assert "time 3600" in " ".join(done.out.split())
+    shown = command("show", "crept.h5", "--all").out
+    assert "time 3600" in " ".join(shown.split())
     grid = {**scene().todict(), "sweep": {"creep.time": ["1 s", "100 s", "1000 s"]}}
     study = ca.sweep(grid, tmp_path / "out")
     areas = [point.summary["area"] for point in study]
