@@ -273,13 +273,15 @@ class PullHistory(Followed):
         stretch, kappa = self.stretch * lost, self.drive["bond_stiffness"]
         energy = 0.5 * kappa * float((stretch**2).sum())
         rigid = self.drive["spring"] is None
-        force = self.force[-1:] - rigid * kappa * float(stretch.sum())
+        fallen = rigid * kappa * float(stretch.sum())
+        force = np.maximum(self.force[-1:] - fallen, 0.0)
         return (
             super()
             .without(lost)
             .model_copy(
                 update={
-                    "force": np.maximum(force, 0.0),
+                    "force": force,
+                    "least": min(self.least, float(force[0])),
                     "dissipated": self.dissipated[-1:] + energy,
                     "stored": np.maximum(self.stored[-1:] - energy, 0.0),
                     "stretch": self.stretch - stretch,

@@ -58,9 +58,9 @@ from chemage.studies.folder import RESUME
 from chemage.studies.tasks import (
     RETRIES,
     Answer,
-    Known,
     Outcome,
     Place,
+    PluginsInUse,
     Task,
     ageing_seconds,
     by_contact,
@@ -475,7 +475,7 @@ class Runner:
         self,
         pool: Pool,
         place: Place | None,
-        known: Known | None,
+        known: PluginsInUse | None,
         watch: Callable[[Runner], None] | None,
     ) -> None:
         self._pool, self._place, self._known, self._watch = (

@@ -28,9 +28,9 @@ from chemage.scene.scene import Scene
 from chemage.studies.folder import RESUME, Folder
 from chemage.studies.runner import Pool, Runner, Told, open_pool, seconds
 from chemage.studies.tasks import (
-    Known,
     Outcome,
     Place,
+    PluginsInUse,
     Task,
     for_workers,
     forget,
@@ -352,7 +352,7 @@ class Study:
             if tasks:
                 time.sleep(LOOK)
 
-    def _known(self, tasks: Sequence[Task]) -> Known | None:
+    def _known(self, tasks: Sequence[Task]) -> PluginsInUse | None:
         """What workers must know for ``tasks``."""
         for task in tasks:
             if isinstance(task.source, Scene):

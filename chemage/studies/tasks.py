@@ -48,7 +48,7 @@ from chemage.scene.scene import Scene
 from chemage.studies.folder import CannotWrite, Folder, process_name, refuse_links
 
 
-class Known(NamedTuple):
+class PluginsInUse(NamedTuple):
     """What workers use beside chemage."""
 
     #: plugins
@@ -63,7 +63,9 @@ def registered_classes(components: Iterable[Any]) -> set[type]:
     return {type(part) for part in components_in(list(components))} & by_hand
 
 
-def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known | None:
+def for_workers(
+    executor: str | Executor, classes: Iterable[type]
+) -> PluginsInUse | None:
     """What workers use of plugins and, registered by hand, of ``classes`` and plugins with hooks; None where they have
     the registry of this process.
 
@@ -89,7 +91,7 @@ def for_workers(executor: str | Executor, classes: Iterable[type]) -> Known | No
         if name in answering and not record.distribution:
             _check(f"the plugin {name!r}", module, "", plugins.implementation(name))
             known.append((name, module))
-    return Known(plugins.installed(), tuple(known))
+    return PluginsInUse(plugins.installed(), tuple(known))
 
 
 def _check(what: str, module: str, name: str, expected: Any) -> None:
@@ -108,7 +110,7 @@ def _check(what: str, module: str, name: str, expected: Any) -> None:
         )
 
 
-def learn(known: Known | None) -> None:
+def learn(known: PluginsInUse | None) -> None:
     """Use what :func:`for_workers` gave, and no other plugin.
 
     Raises
@@ -437,7 +439,7 @@ def compute(
     place: Place | None,
     tasks: Sequence[Task],
     threads: int,
-    known: Known | None,
+    known: PluginsInUse | None,
     remote: bool,
 ) -> Answer:
     """Compute tasks that have one contact.

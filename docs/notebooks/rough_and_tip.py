@@ -9,6 +9,8 @@ from matplotlib import pyplot as plt
 
 import chemage as ca
 
+plt.rcParams["figure.dpi"] = 90
+
 common = {
     "forming": {"kind": "md-silica"},
     "breaking": {"kind": "gaussian", "mean": "1.1 eV", "std": "0.02 eV"},

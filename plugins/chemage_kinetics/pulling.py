@@ -276,7 +276,7 @@ class _Job(Start):
         met, again = self.partners, None
         span, moves = float(self.times[-1]) - self.time, self.drive.speed
         passing = met.width * kernel.CELLS / moves if moves > 0 else math.inf
-        if met.forming.size and passing < span:
+        if self.state.size and met.forming.size and passing < span:
             few = np.linspace(0, met.forming.size - 1, FEW).astype(int)
             again = Renewed(met.forming[few] + met.shift[0].mean(), passing)
         lattice = self.lattice.model_copy(update={"forming": self.forming})

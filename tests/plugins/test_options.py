@@ -333,8 +333,8 @@ def test_show_compare_and_report_print_them(both, command, tmp_path):
     for name, peak in (("a", 0.2), ("b", 0.25)):
         found = run(both, {"cap": {"peak": peak}})
         chemage.write(tmp_path / f"{name}.h5", found)
-        assert "[peak = " in command("show", tmp_path / f"{name}.h5").out
-    compared = " ".join(command("compare", tmp_path / "a.h5", tmp_path / "b.h5").out.split())
+        assert "[peak = " in command("show", tmp_path / f"{name}.h5", "--all").out
+    compared = " ".join(command("compare", tmp_path / "a.h5", tmp_path / "b.h5", "--all").out.split())
     assert "peak = 0.2" in compared
     assert "peak = 0.25" in compared
     assert command("report", tmp_path / "a.h5", "--out", tmp_path / "a.html").status == 0

@@ -84,7 +84,7 @@ def test_the_scene_is_valid_and_runs(project):
     words = ["run", "tip.toml", "--json", "--out", "tip.h5", "--no-figures"]
     result = json.loads(chemage(project, ["check", "tip.toml"], words)[-1])
     assert result["engine"] == "rejection-free"
-    assert result["friction_drop"][-1] > result["friction_drop"][0] >= 0
+    assert result["friction_drop"]["value"][-1] > result["friction_drop"]["value"][0] >= 0
     assert (project / "tip.h5").exists()
 
 

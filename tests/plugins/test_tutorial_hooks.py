@@ -59,7 +59,7 @@ def test_the_scene_runs_and_the_result_names_the_option(project):
     assert result["max_pressure"]["value"] == 2
     assert "pressure limited to 2 GPa on" in result["notes"][0]
     assert list(project.rglob("*limited-pressure.png"))
-    shown = " ".join(chemage(project, "show", "tip.h5").split())
+    shown = " ".join(chemage(project, "show", "tip.h5", "--all").split())
     assert named in shown
     wrong = chemage(project, "check", "tip.toml", "--set", "plugins.hardness.limit=-1", status=2)
     assert "plugins.hardness.limit: -1" in wrong

@@ -93,14 +93,14 @@ def test_a_run_says_it_beside_the_error_of_the_replicas(command, tmp_path, monke
     done = command("run", "silica-patch", "--no-figures", "--replicas", "3", "-o", "rough.h5", *changes)
     assert done.status == 0, done.err
     text = " ".join(done.out.split())
-    assert "they do not include the scatter between surfaces" in text
-    assert "% between surface seeds (standard deviation)" in text
-    assert "error of β: replicas" in text
+    assert "95 % intervals over replicas on one surface" in text
+    assert "scatter of β between surfaces, relative" in text
+    assert "error of β: replicas" in " ".join(command("show", "rough.h5", "--all").out.split())
     rough = ca.read("rough.h5")
     assert rough.summary()["beta_scatter_between_surfaces"] == rough.scatter.relative > 0
     tip = command("run", "silica-tip", "--no-figures", "--replicas", "3", "-o", "tip.h5")
-    assert "between surface seeds" not in tip.out, "its surface does not depend on a seed"
+    assert "scatter of β" not in tip.out, "its surface does not depend on a seed"
     assert ca.read("tip.h5").summary()["beta_scatter_between_surfaces"] == 0
     page = tmp_path / "page.html"
     command("report", "rough.h5", "tip.h5", "-o", str(page))
-    assert "% between surface seeds (standard deviation)" in page.read_text(encoding="utf-8")
+    assert "scatter of β between surfaces" in page.read_text(encoding="utf-8")

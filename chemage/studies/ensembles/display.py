@@ -70,7 +70,10 @@ class EnsembleDisplay(OfRecord[Ensemble]):
         return f"{self.title}: {TITLE}"
 
     def notes(self) -> list[str]:
-        return self.record.every_note
+        notes, ended = self.record.every_note, self.record.stopped
+        if ended and not ended.endswith(("asked for", "reached")):
+            notes = [*notes, f"sampling ended because {ended}"]
+        return notes
 
     @property
     def scene(self) -> Mapping[str, Any]:

@@ -224,7 +224,7 @@ def test_a_page_of_an_ensemble_has_its_curve_its_errors_and_its_seeds(files):
     for words in (
         "20 random surfaces", "Parts of the error", "scatter between surfaces, each with its own replica",
         "measured before on other surfaces", "1 2, 3 4", "A. Author", "± 6 %",
-        "Errors are 95 % intervals (Student&#39;s t) that include the scatter between surfaces.",
+        "Errors are 95 % intervals with the scatter between surfaces, by Student&#39;s t.",
     ):  # fmt: skip
         assert words in page, words
     assert page.count("<svg") == 2
@@ -234,7 +234,7 @@ def test_a_page_of_an_ensemble_has_its_curve_its_errors_and_its_seeds(files):
 @pytest.mark.long
 def test_a_page_of_several_says_whose_errors_are_which(files):
     page = report([files / name for name in ("mean.h5", "one.h5", "tip.h5", "bare.h5")])
-    assert "Errors of mean, bare are 95 % intervals (Student&#39;s t) that include the scatter" in page
+    assert "Errors of mean, bare are 95 % intervals with the scatter between surfaces, by Student&#39;s t" in page
     assert "Errors of one, tip are 95 % intervals over replicas on one surface" in page
     assert "Bands are intervals of means over surfaces, bars of means over replicas on one surface." in page
 
