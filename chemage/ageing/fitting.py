@@ -400,9 +400,8 @@ class Fit:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
         text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
-        return "\n".join(
-            filter(None, (text, self.doubt.partition(";")[0], self.bend_text()))
-        )
+        bend = self.bend_text().replace(", ", ",\n")
+        return "\n".join(filter(None, (text, self.doubt.partition(";")[0], bend)))
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""

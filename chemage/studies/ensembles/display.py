@@ -331,6 +331,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             line_fit = ensemble.line
             doubt = ensemble.quantities.doubt.partition(";")[0]
             bend = "" if line_fit is None else line_fit.bend_text()
+            bend = bend.replace(", ", ",\n")
             text = "\n".join(filter(None, (text, doubt, bend)))
             axes.plot(
                 times[fitted],
