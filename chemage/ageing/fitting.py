@@ -276,6 +276,11 @@ class Fit:
         )
 
     @property
+    def bend_lines(self) -> str:
+        """:meth:`bend_text` in two lines, for legends."""
+        return self.bend_text().replace(", ", ",\n")
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know of β, in words: too few hold times, or a curve that is no line."""
         notes = [self.doubt] if self.doubt else []
@@ -400,8 +405,8 @@ class Fit:
         """β with half of its interval in brackets, what was fitted, and what to doubt, for legends."""
         shape = "fitted line" if self.model == "line" else "fitted β log(1 + t/t_c)"
         text = f"{self.symbol_text()} per decade ({shape}, {span_text(self.span)})"
-        bend = self.bend_text().replace(", ", ",\n")
-        return "\n".join(filter(None, (text, self.doubt.partition(";")[0], bend)))
+        doubt = self.doubt.partition(";")[0]
+        return "\n".join(filter(None, (text, doubt, self.bend_lines)))
 
     def intervals_text(self) -> str:
         """How the intervals were found, in words."""

@@ -330,8 +330,7 @@ class EnsembleDisplay(OfRecord[Ensemble]):
             text = f"{beta.short()} per decade (line, {span_text(ensemble.quantities.span)})"
             line_fit = ensemble.line
             doubt = ensemble.quantities.doubt.partition(";")[0]
-            bend = "" if line_fit is None else line_fit.bend_text()
-            bend = bend.replace(", ", ",\n")
+            bend = "" if line_fit is None else line_fit.bend_lines
             text = "\n".join(filter(None, (text, doubt, bend)))
             axes.plot(
                 times[fitted],
